@@ -1,0 +1,59 @@
+# Needs python3 (3.11 or newer, with venv) and make; the rest is installed into $(VENV).
+#
+#   make book         build the book, strictly and offline     -> $(BUILD)/html/index.html
+#   make test         the test suite
+#   make lint         ruff and mypy
+#   make bench        benchmarks -> benchmarks/results.json
+#   make check-pages  look at every built page in a real browser, network cut
+#   make lock         compile requirements.txt anew and check it on every supported Python
+#   make clean        delete $(BUILD) and caches (the environment stays; `make distclean` takes it too)
+#
+# Other places: make book VENV=/path/to/env BUILD=/path/to/build PYTHON=python3.12
+
+PYTHON ?= python3
+VENV   ?= .venv
+BUILD  ?= _build
+
+# Nothing of the caller's own Python may leak in. MPLBACKEND=Agg would even silence every figure.
+unexport PYTHONPATH PYTHONHOME PYTHONSTARTUP MPLBACKEND
+export PYTHONNOUSERSITE := 1
+
+# Scripts in bin/ carry the absolute path of their interpreter, which breaks on long paths and on
+# paths with spaces: `python -m` does not. The environment itself is no target either: a name with
+# a space cannot be one.
+RUN := "$(VENV)/bin/python"
+
+.PHONY: all env book test lint bench check-pages lock lock-check clean distclean
+all: test book
+
+env:
+	@sh tools/environment.sh "$(PYTHON)" "$(VENV)"
+
+book: env
+	$(RUN) tools/build_book.py "$(BUILD)"
+
+test: env
+	$(RUN) -m pytest
+
+lint: env
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m mypy
+
+bench: env
+	$(RUN) tools/bench.py
+
+check-pages: env
+	$(RUN) tools/check_pages.py "$(BUILD)/html" --screenshots "$(BUILD)/screenshots"
+
+lock: env
+	$(RUN) tools/lock.py
+
+lock-check: env
+	$(RUN) tools/lock.py --check
+
+clean:
+	rm -rf -- "$(BUILD)" .pytest_cache .ruff_cache .mypy_cache .hypothesis .benchmarks
+
+distclean: clean
+	rm -rf -- "$(VENV)"

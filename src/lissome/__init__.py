@@ -1,0 +1,1 @@
+"""Lissome: active rods, ribbons and plates."""
