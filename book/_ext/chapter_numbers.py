@@ -1,0 +1,65 @@
+"""Sphinx extension: chapters carry the thesis's numbers, whatever stands before them.
+
+The number is the prefix of the file name: sections, figures and equations of
+``3-photomechanical-beams.md`` are 3.1, 3.2, ..., those of ``a-strain-gradients.md`` A.1, A.2, ...
+Pages that share a prefix continue one another's sections.
+"""
+
+from __future__ import annotations
+
+import re
+
+from docutils import nodes
+from sphinx.environment.collectors.toctree import TocTreeCollector
+
+PREFIX = re.compile(r"(?:.*/)?(\d+|[a-z])-[^/]*$")
+
+
+def chapter_of(docname):
+    """Return the chapter that a page belongs to: an integer, a capital letter, or None."""
+    match = PREFIX.match(docname)
+    if match is None:
+        return None
+    label = match.group(1)
+    return int(label) if label.isdigit() else label.upper()
+
+
+def renumber(env):
+    """Replace the running number of each numbered page by the number of its chapter."""
+    sections = {}
+    for docname, numbers in env.toc_secnumbers.items():
+        chapter = chapter_of(docname)
+        if chapter is None:
+            continue
+        before = sections.get(chapter, 0)
+
+        def corrected(number, chapter=chapter, before=before):
+            if not number:
+                return number
+            second = tuple(n + before for n in number[1:2])
+            return (chapter, *second, *number[2:])
+
+        env.toc_secnumbers[docname] = {a: corrected(n) for a, n in numbers.items()}
+        used = [n[1] for n in env.toc_secnumbers[docname].values() if n and len(n) > 1]
+        sections[chapter] = max(used, default=before)
+        for reference in env.tocs[docname].findall(nodes.reference):
+            if reference.get("secnumber"):
+                reference["secnumber"] = list(corrected(tuple(reference["secnumber"])))
+        title = env.titles[docname]
+        if title.get("secnumber"):
+            title["secnumber"] = list(corrected(tuple(title["secnumber"])))
+
+
+def setup(app):
+    original = TocTreeCollector.assign_section_numbers
+
+    def assign_section_numbers(self, env):
+        before = dict(env.toc_secnumbers)
+        changed = set(original(self, env))
+        renumber(env)
+        numbers = env.toc_secnumbers
+        return sorted(changed | {d for d in numbers if numbers[d] != before.get(d)})
+
+    # figures and equations are numbered right after this call, from what it leaves behind
+    TocTreeCollector.assign_section_numbers = assign_section_numbers
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
