@@ -10,17 +10,17 @@ from __future__ import annotations
 from typing import Any
 
 __all__ = [
-    "LissomeError",
-    "InvalidInput",
-    "NotConverged",
-    "Unstable",
-    "StabilityNotResolvable",
-    "FactorizationError",
-    "SweepFailed",
-    "DataError",
-    "DataAwaited",
-    "LissomeWarning",
     "CacheWarning",
+    "DataAwaited",
+    "DataError",
+    "FactorizationError",
+    "InvalidInput",
+    "LissomeError",
+    "LissomeWarning",
+    "NotConverged",
+    "StabilityNotResolvable",
+    "SweepFailed",
+    "Unstable",
 ]
 
 
@@ -129,7 +129,7 @@ class FactorizationError(LissomeError, ArithmeticError):
 
 
 class SweepFailed(LissomeError, RuntimeError):
-    """A point of a sweep failed. The points that had finished are kept in the cache, if there is one.
+    """A point of a sweep failed; the cache, if there is one, keeps the points that had finished.
 
     Parameters
     ----------
