@@ -50,11 +50,8 @@ Importing this module imports numba; ``import lissome`` does not.
 from __future__ import annotations
 
 import contextlib
-import dis
-import enum
 import hashlib
 import io
-import itertools
 import logging
 import os
 import pickle
@@ -78,6 +75,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import NumbaPickler
 
+from ._fingerprint import Digest, NoFingerprint
 from .errors import CacheWarning
 
 # numba makes these names at run time, out of sight of a type checker.
@@ -118,194 +116,65 @@ _SETTINGS = (
 # Fingerprints
 
 
-class _NoFingerprint(Exception):
-    """The value of something that compiled code depends on cannot be told from its text."""
+class _CodeDigest(Digest):
+    """Digest of compiled functions, of their argument types, and of what they depend on."""
 
+    def __init__(self, trusted: frozenset[str] = _TRUSTED) -> None:
+        super().__init__(trusted)
 
-class _Digest:
-    """Hash of the content of Python objects: equal content, equal hash, in any process."""
-
-    def __init__(self) -> None:
-        self._hash = hashlib.sha256()
-        self._seen: dict[int, int] = {}
-        self._alive: list[Any] = []  # ids are only unique among living objects
-
-    def hexdigest(self) -> str:
-        return self._hash.hexdigest()
-
-    def _put(self, tag: str, *parts: str | bytes) -> None:
-        for part in (tag, *parts):
-            data = part if isinstance(part, bytes) else part.encode()
-            self._hash.update(b"%d:" % len(data))
-            self._hash.update(data)
-
-    def _first_time(self, value: Any) -> bool:
-        """Tell whether `value` is new; if it is not, refer to the first time (recursion ends)."""
-        if id(value) in self._seen:
-            self._put("again", str(self._seen[id(value)]))
-            return False
-        self._seen[id(value)] = len(self._seen)
-        self._alive.append(value)
-        return True
-
-    def add(self, value: Any) -> None:
-        kind = type(value)
-        if value is None or value is Ellipsis or kind in (bool, int, str):
-            self._put(kind.__name__, repr(value))
-        elif kind is bytes:
-            self._put("bytes", value)
-        elif kind is float:
-            self._put("float", value.hex())
-        elif kind is complex:
-            self._put("complex", value.real.hex(), value.imag.hex())
-        elif isinstance(value, enum.Enum):
-            self._put("enum", _name(kind), value.name)
-            self.add(value.value)
-        elif isinstance(value, tuple) or kind is list:
-            self._put("sequence", _name(kind), str(len(value)), *getattr(value, "_fields", ()))
-            for item in value:
-                self.add(item)
-        elif kind is frozenset:
-            self._put("set", *sorted(_digest_of(item) for item in value))
-        elif kind is slice:
-            self._put("slice")
-            self.add((value.start, value.stop, value.step))
-        elif isinstance(value, np.ndarray) and value.dtype.hasobject is False:
-            self._put(
-                "array", str(value.dtype.descr), str(value.shape), str(value.flags.f_contiguous)
-            )
-            self._put("data", value.tobytes())
-        elif isinstance(value, np.generic) and value.dtype.hasobject is False:
-            self._put("scalar", str(value.dtype.descr), value.tobytes())
-        elif isinstance(value, np.dtype):
-            self._put("dtype", str(value.descr), str(value.alignment), str(value.isalignedstruct))
-        elif isinstance(value, pytypes.CodeType):
-            self._code(value)
-        elif isinstance(value, Dispatcher):
-            if self._first_time(value):
-                self._put("compiled", type(value).__name__)
+    def other(self, value: Any) -> None:
+        if isinstance(value, Dispatcher):
+            if self.first_time(value):
+                self.put("compiled", type(value).__name__)
                 self._options(value.targetoptions)
                 for name, variable in sorted(value.locals.items()):
-                    self._put("local", name)
+                    self.put("local", name)
                     self.type(variable)
                 self.function(value.py_func)
         elif isinstance(value, types.Type):
             self.type(value)
-        elif isinstance(value, pytypes.ModuleType):
-            if not _trusted(value.__name__):
-                raise _NoFingerprint(f"the module {value.__name__} as a value")
-            self._put("module", value.__name__)
-        elif isinstance(value, np.ufunc):
-            name = value.__name__
-            if getattr(np, name, None) is not value:
-                raise _NoFingerprint(f"the universal function {name}")
-            self._put("ufunc", name)
-        elif isinstance(value, type):
-            self._class(value)
-        elif (
-            callable(value)
-            and isinstance(getattr(value, "__name__", None), str)
-            and _trusted(getattr(value, "__module__", None) or "")
-        ):
-            self._put("library", _name(value))
         else:
             # Also a plain Python function: compiled code can only call it through an overload.
-            raise _NoFingerprint(f"{value!r} of type {kind.__qualname__}")
+            super().other(value)
 
     def _options(self, options: dict[str, Any]) -> None:
         for name, value in sorted(options.items()):
-            self._put("option", name)
+            self.put("option", name)
             if isinstance(value, (set, frozenset)):
-                self._put("flags", *sorted(map(str, value)))
+                self.put("flags", *sorted(map(str, value)))
             elif isinstance(value, (bool, str, int, type(None))):
                 self.add(value)
             else:
-                raise _NoFingerprint(f"the option {name}={value!r}")
-
-    def _class(self, value: type) -> None:
-        if issubclass(value, BaseException) or _trusted(value.__module__):
-            self._put("class", _name(value))  # only its identity is compiled in
-        elif issubclass(value, enum.Enum):
-            self._put("enumeration", _name(value))
-            for member in value:
-                self._put("member", member.name)
-                self.add(member.value)
-        elif issubclass(value, tuple) and hasattr(value, "_fields"):
-            self._put("namedtuple", _name(value), *value._fields)
-        else:
-            raise _NoFingerprint(f"the class {_name(value)}")
-
-    def _code(self, code: pytypes.CodeType) -> None:
-        self._put("code", code.co_name, code.co_code, getattr(code, "co_exceptiontable", b""))
-        self.add((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars))
-        self.add((code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags))
-        for constant in code.co_consts:
-            self.add(constant)
-
-    def function(self, function: Callable[..., Any]) -> None:
-        """Add a function that is compiled: code, defaults, closure, globals that it reads."""
-        self._put("function", function.__module__ or "", function.__qualname__)
-        code = function.__code__
-        self._code(code)
-        self.add(function.__defaults__)
-        for name, value in sorted((function.__kwdefaults__ or {}).items()):
-            self._put("default", name)
-            self.add(value)
-        cells = function.__closure__ or ()
-        for name, cell in zip(code.co_freevars, cells, strict=True):
-            self._put("cell", name)
-            try:
-                content = cell.cell_contents
-            except ValueError:
-                raise _NoFingerprint(f"the empty closure variable {name}") from None
-            self.add(content)
-        namespace = function.__globals__
-        for path in sorted(set(_global_paths(code))):
-            self._global(namespace, path)
-
-    def _global(self, namespace: dict[str, Any], path: tuple[str, ...]) -> None:
-        self._put("global", *path)
-        if path[0] not in namespace:
-            builtins = namespace.get("__builtins__", {})
-            known = builtins if isinstance(builtins, dict) else vars(builtins)
-            self._put("builtin" if path[0] in known else "undefined")
-            return
-        value = namespace[path[0]]
-        for attribute in path[1:]:
-            # Only modules are followed; attributes of anything else belong to that value.
-            if not isinstance(value, pytypes.ModuleType) or _trusted(value.__name__):
-                break
-            value = getattr(value, attribute, None)
-        self.add(value)
+                raise NoFingerprint(f"the option {name}={value!r}")
 
     def type(self, kind: Any) -> None:
         """Add a numba type."""
         if isinstance(kind, types.Dispatcher):
-            self._put("type of")
+            self.put("type of")
             self.add(kind.dispatcher)
         elif isinstance(kind, types.BaseTuple):
-            self._put("tuple type", type(kind).__name__)
+            self.put("tuple type", type(kind).__name__)
             if isinstance(kind, types.BaseNamedTuple):
-                self._class(kind.instance_class)
+                self.kind(kind.instance_class)
             for member in kind:
                 self.type(member)
         elif isinstance(kind, types.Optional):
-            self._put("optional")
+            self.put("optional")
             self.type(kind.type)
         elif isinstance(kind, types.Omitted):
-            self._put("omitted")
+            self.put("omitted")
             self.add(kind.value)
         elif isinstance(kind, types.Literal):
-            self._put("literal")
+            self.put("literal")
             self.add(kind.literal_value)
         elif isinstance(kind, types.FunctionType):
-            self._put("function type")
+            self.put("function type")
             self.type(kind.signature.return_type)
             self.type(types.Tuple(kind.signature.args))
         elif isinstance(kind, types.NumberClass):
-            self._put("number class", str(kind))
+            self.put("number class", str(kind))
         elif isinstance(kind, types.Array):
-            self._put(
+            self.put(
                 "array type", kind.layout, str(kind.ndim), str(kind.mutable), str(kind.aligned)
             )
             self.type(kind.dtype)
@@ -325,38 +194,9 @@ class _Digest:
                 types.DType,
             ),
         ):
-            self._put("type", type(kind).__name__, str(kind))  # these are named by their content
+            self.put("type", type(kind).__name__, str(kind))  # these are named by their content
         else:
-            raise _NoFingerprint(f"the type {kind}")
-
-
-def _digest_of(value: Any) -> str:
-    digest = _Digest()
-    digest.add(value)
-    return digest.hexdigest()
-
-
-def _name(value: Any) -> str:
-    """Return where `value`, a class or a function, is defined."""
-    return f"{value.__module__}:{getattr(value, '__qualname__', value.__name__)}"
-
-
-def _trusted(module: str) -> bool:
-    return module.partition(".")[0] in _TRUSTED
-
-
-def _global_paths(code: pytypes.CodeType) -> Iterator[tuple[str, ...]]:
-    """Yield the globals that `code` reads, with the chain of attributes taken right after each."""
-    instructions = [i for i in dis.get_instructions(code) if i.opname not in ("CACHE", "NOP")]
-    for position, instruction in enumerate(instructions):
-        if instruction.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
-            chain = itertools.takewhile(
-                lambda i: i.opname in ("LOAD_ATTR", "LOAD_METHOD"), instructions[position + 1 :]
-            )
-            yield (instruction.argval, *(i.argval for i in chain))
-    for constant in code.co_consts:
-        if isinstance(constant, pytypes.CodeType):
-            yield from _global_paths(constant)
+            raise NoFingerprint(f"the type {kind}")
 
 
 def fingerprint(function: Any) -> str | None:
@@ -376,8 +216,10 @@ def fingerprint(function: Any) -> str | None:
         Hexadecimal SHA-256, or None if something in it cannot be told from its text.
     """
     try:
-        return _digest_of(function)
-    except _NoFingerprint as reason:
+        digest = _CodeDigest()
+        digest.add(function)
+        return digest.hexdigest()
+    except NoFingerprint as reason:
         _log.debug("%r has no fingerprint because of %s", function, reason)
         return None
 
@@ -410,12 +252,13 @@ class _Store:
                 *(f"{name}={getattr(numba_config, name, None)!r}" for name in _SETTINGS),
             ):
                 hashed.update(part.encode() + b"\0")
-            for path in [Path(__file__), *sorted(self.package_root.rglob("*.py"))]:
+            own = [Path(__file__), Path(__file__).with_name("_fingerprint.py")]
+            for path in [*own, *sorted(self.package_root.rglob("*.py"))]:
                 try:
                     text = path.read_bytes()
                 except OSError:  # an editor may be replacing it
                     text = secrets.token_bytes(16)
-                if path == Path(__file__) or _EXTENDS_NUMBA.search(text):
+                if path in own or _EXTENDS_NUMBA.search(text):
                     hashed.update(path.name.encode() + b"\0" + hashlib.sha256(text).digest())
             self._stamp = hashed.hexdigest()
         return self._stamp
@@ -594,7 +437,7 @@ class _FunctionStore(_Cache):
             self._store.remove(self._name, key)
 
     def _key(self, args: Any, return_type: Any, codegen: Any) -> str:
-        digest = _Digest()
+        digest = _CodeDigest()
         digest.add((self._store.stamp(), repr(codegen.magic_tuple())))
         digest.add(self._dispatcher)
         digest.type(types.Tuple(tuple(args)))
@@ -610,7 +453,7 @@ class _FunctionStore(_Cache):
         self._keys.pop(sig, None)
         try:
             key = self._key(args, return_type, target_context.codegen())
-        except _NoFingerprint as reason:
+        except NoFingerprint as reason:
             _log.debug("%s is not cached because of %s", self._name, reason)
             return None
         # Kept for the time of saving: globals may have changed by then, but not what was compiled.
