@@ -1,0 +1,267 @@
+"""Turn a drawing into something a notebook shows: themable SVG, with a static PNG for print."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import io
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+from cycler import cycler
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from ..errors import InvalidInput
+from ._palette import PALETTE, SERIES, color
+
+__all__ = [
+    "SHEET",
+    "STYLE",
+    "Drawing",
+    "checked_alt",
+    "data_uri",
+    "figure",
+    "png",
+    "show",
+    "svg",
+    "webp",
+]
+
+#: Settings in force while a figure is made and while it is drawn; nothing else ever sees them.
+STYLE: Any = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": color("ink"),
+    "axes.facecolor": "none",
+    "axes.formatter.use_mathtext": True,
+    "axes.labelcolor": color("ink"),
+    "axes.linewidth": 0.8,
+    "axes.prop_cycle": cycler(color=[color(role) for role in SERIES]),
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 10,
+    "figure.edgecolor": "none",
+    "figure.facecolor": "none",
+    "font.size": 10,
+    "grid.color": color("muted"),
+    "grid.linewidth": 0.5,
+    "image.cmap": "viridis",
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+    "mathtext.fontset": "cm",
+    "savefig.facecolor": "none",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "lissome",
+    "text.color": color("ink"),
+    "xtick.color": color("ink"),
+    "xtick.direction": "out",
+    "ytick.color": color("ink"),
+    "ytick.direction": "out",
+}
+
+
+def checked_alt(alt: Any) -> str:
+    """Return the text that stands for a picture, or raise: no picture goes without one."""
+    if not isinstance(alt, str) or len(alt.split()) < 3:
+        raise InvalidInput(
+            f"argument `alt` is {alt!r}; say in a sentence what the picture shows, "
+            "for readers who cannot see it"
+        )
+    return " ".join(alt.split())
+
+
+def figure(
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    size: tuple[float, float] = (6.4, 3.6),
+    panels: bool | str = False,
+    **layout: Any,
+) -> tuple[Figure, Any]:
+    """Make a figure and its axes in the style of the book, without pyplot and its global state.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Grid of axes.
+    size : (float, float)
+        Width and height in inches.
+    panels : bool or str, optional
+        Letter the axes (a), (b), ...; a string gives the letters, for instance ``"cd"``.
+    **layout
+        Passed on to :meth:`matplotlib.figure.Figure.subplots` (``sharex``, ``width_ratios``, ...).
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+    axes : matplotlib.axes.Axes or numpy.ndarray of them
+        One axes, or an array as ``subplots`` returns it.
+
+    Examples
+    --------
+    >>> drawing, axes = figure(1, 2, size=(6, 2.5), panels=True)
+    >>> [a.get_title(loc="left") for a in axes]
+    ['(a)', '(b)']
+    """
+    with mpl.rc_context(STYLE):
+        fig = Figure(figsize=size, layout="constrained")
+        FigureCanvasAgg(fig)
+        axes = fig.subplots(rows, columns, **layout)
+        if panels:
+            letters = panels if isinstance(panels, str) else "abcdefghijklmnop"
+            if len(letters) < len(fig.axes):
+                raise InvalidInput(
+                    f"argument `panels` is {panels!r}; it must hold a letter for each of the "
+                    f"{len(fig.axes)} axes"
+                )
+            for ax, letter in zip(fig.axes, letters, strict=False):
+                ax.set_title(f"({letter})", loc="left")
+    return fig, axes
+
+
+def _recolored(text: str) -> str:
+    """Replace palette colors by CSS variables, so that a page's theme decides."""
+    for role, hue in PALETTE.items():
+        text = text.replace(hue.light, f"var(--lissome-{role},{hue.light})")
+    return text.replace("#000000", f"var(--lissome-ink,{PALETTE['ink'].light})")
+
+
+_HUES = {
+    theme: "".join(f"--lissome-{role}:{getattr(hue, theme)};" for role, hue in PALETTE.items())
+    for theme in ("light", "dark")
+}
+_IN_BOOK = ".bd-content div.cell_output .output.text_html:has(>.lissome-drawing)"
+
+#: Style sheet that travels with every drawing, so that it also works in a bare notebook. The book's
+#: theme puts a light panel behind HTML outputs of dark pages; ours need none.
+SHEET = (
+    "<style>"
+    f"html[data-theme=dark] {_IN_BOOK}{{background:none;color:inherit;padding:0}}"
+    f"html[data-theme=dark] .lissome-drawing{{{_HUES['dark']}"
+    f"--lissome-paper:var(--pst-color-background,{PALETTE['paper'].dark})}}"
+    f"@media print{{html[data-theme=dark] .lissome-drawing{{{_HUES['light']}}}}}"
+    ".lissome-drawing{overflow-x:auto}"
+    ".lissome-drawing>svg{display:block;margin:auto;max-width:100%;height:auto}"
+    ".lissome-drawing.wide>svg{min-width:34rem}"
+    "</style>"
+)
+
+
+def svg(fig: Figure, alt: str) -> str:
+    """Return a figure as inline SVG whose colors follow the page's theme.
+
+    Parameters
+    ----------
+    fig : matplotlib.figure.Figure
+    alt : str
+        What the picture shows, in words.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element. Its ids carry a hash of its content: several can share one page.
+    """
+    alt = checked_alt(alt)
+    buffer = io.StringIO()
+    with mpl.rc_context(STYLE):
+        fig.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
+    mark = "f" + hashlib.sha256(text.encode()).hexdigest()[:10]
+    text = re.sub(r'\bid="', f'id="{mark}', text)
+    text = re.sub(r'href="#', f'href="#{mark}', text)
+    text = re.sub(r"url\(#", f"url(#{mark}", text)
+    ink = f"var(--lissome-ink,{PALETTE['ink'].light})"
+    text = text.replace(
+        "<svg ", f'<svg role="img" aria-label="{html.escape(alt)}" fill="{ink}" ', 1
+    )
+    return re.sub(r"\s*\n\s*", "\n", _recolored(text))
+
+
+def png(fig: Figure, *, dpi: float = 160, background: str = "white") -> bytes:
+    """Return a figure as PNG, for print and for tools that show no SVG."""
+    buffer = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        fig.savefig(buffer, format="png", dpi=dpi, facecolor=background, metadata={"Software": ""})
+    return buffer.getvalue()
+
+
+def webp(content: bytes, quality: int = 80) -> bytes:
+    """Return a PNG as WebP, several times smaller: for twins that are embedded in a page."""
+    buffer = io.BytesIO()
+    with Image.open(io.BytesIO(content)) as picture:
+        picture.save(buffer, format="WEBP", quality=quality, method=4)
+    return buffer.getvalue()
+
+
+def data_uri(content: bytes, kind: str) -> str:
+    """Return bytes as a ``data:`` address, which no page needs a network for."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A finished picture; the last value of a notebook cell shows it.
+
+    Attributes
+    ----------
+    markup : str
+        HTML, without any remote address.
+    still : bytes
+        The static twin, PNG on white.
+    alt : str
+        What the picture shows, in words.
+    """
+
+    markup: str
+    still: bytes
+    alt: str
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        return {
+            "text/html": self.markup,
+            "image/png": base64.b64encode(self.still).decode(),
+            "text/plain": self.alt,
+        }
+
+    def __repr__(self) -> str:
+        return f"Drawing({self.alt!r})"
+
+
+def show(fig: Figure, alt: str) -> Drawing:
+    """Return a figure for display: inline SVG that follows the page's theme, and a PNG twin.
+
+    Parameters
+    ----------
+    fig : matplotlib.figure.Figure
+        Made by :func:`figure`.
+    alt : str
+        What the picture shows, in a sentence, for readers who cannot see it.
+
+    Returns
+    -------
+    Drawing
+
+    Raises
+    ------
+    InvalidInput
+        If `alt` says nothing.
+
+    Examples
+    --------
+    >>> fig, ax = figure(size=(3, 2))
+    >>> lines = ax.plot([0, 1], [0, 1])
+    >>> show(fig, alt="a straight line through the origin")
+    Drawing('a straight line through the origin')
+    """
+    alt = checked_alt(alt)
+    # On a phone a wide figure scrolls sideways rather than shrink beyond reading.
+    wide = " wide" if fig.get_figwidth() > 6.5 else ""
+    markup = f'<div class="lissome-drawing{wide}">{SHEET}{svg(fig, alt)}</div>'
+    return Drawing(markup=markup, still=png(fig), alt=alt)
