@@ -1,0 +1,716 @@
+r"""A clamped strip under light, by Legendre modes and integration along the path of equilibria.
+
+The strip has unit length, ends clamped level at the distance `span`, and the energy
+
+.. math:: \mathcal E = \tfrac12\int_0^1 (\theta' - K_0)^2\,dS, \qquad
+   \partial_T K_0 = -K_0 + \Lambda\, g(X)\, f(\theta - \theta_I), \quad f(\varphi)=\max(0,\cos\varphi),
+
+(3.12)-(3.15), (3.30), (3.32) of the thesis with :math:`K_r = 0`. With
+:math:`\theta' = \sum_{n\ge1} a_n p_n(S)` in orthonormal Legendre polynomials, both clamps hold
+whatever the :math:`a_n`, and the energy is half the squared distance between the vectors :math:`a` of
+shape and :math:`k` of natural curvature: *equilibrium is the point of the constraint surface nearest
+to the natural curvature*. The mean of :math:`K_0` drops out.
+
+The coupled problem is integrated in the arclength of the path :math:`(k, a, T)` with DOP853: it runs
+smoothly through the fold at which the strip snaps, where time has a maximum and the lowest
+eigenvalue of the constrained second variation passes through zero. After a snap the natural
+curvature is frozen and the shape descends by a projected gradient flow. Integrals of the light are
+split at the terminators (:math:`|\theta-\theta_I| = \pi/2`).
+
+Neither the discretization, nor the time integration, nor the descent is that of the library's
+beams: this is an independent check of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.integrate import DOP853
+from scipy.linalg import eigh, lu_factor, lu_solve, null_space
+from scipy.optimize import brentq
+
+from .._validate import finite, in_open_interval, integer_at_least, positive
+from ..errors import InvalidInput, NotConverged, Unstable
+
+__all__ = [
+    "Snap",
+    "StripHistory",
+    "absorption_moment",
+    "dimensionless_illumination",
+    "snap_time",
+    "strip_history",
+    "strip_period",
+]
+
+Array = npt.NDArray[np.float64]
+Spot = Callable[[Array], Array]
+
+
+def absorption_moment(thickness: float, depth: float) -> float:
+    r"""First moment of light that decays with depth, in closed form.
+
+    .. math:: \int_{-h/2}^{h/2} e^{-(h/2-z)/d} z\,dz
+       = d\left(\tfrac h2 - d\right) + d\left(\tfrac h2 + d\right) e^{-h/d} ,
+
+    the integral in (3.14) of the thesis.
+
+    Parameters
+    ----------
+    thickness, depth : float
+        Thickness h and penetration depth d, in the same unit of length.
+
+    Returns
+    -------
+    float
+        In the square of that unit; of order :math:`h^3/(12 d)` where light passes unabsorbed.
+
+    Examples
+    --------
+    >>> round(absorption_moment(15.0, 0.56), 6)
+    3.8864
+    """
+    h, d = positive("thickness", thickness), positive("depth", depth)
+    r = h / d
+    if r < 0.05:
+        # the closed form cancels: d^2 (r^3/12 - r^4/24 + r^5/80 - r^6/360 + ...)
+        return d * d * r**3 * (1 / 12 - r * (1 / 24 - r * (1 / 80 - r * (1 / 360 - r / 2016))))
+    return d * (h / 2 - d) + d * (h / 2 + d) * float(np.exp(-r))
+
+
+def dimensionless_illumination(
+    strain_per_irradiance: float,
+    irradiance: float,
+    thickness: float,
+    depth: float,
+    length: float,
+) -> float:
+    r"""Dimensionless illumination of a film, (3.14) of the thesis.
+
+    .. math:: \Lambda = -\frac{12\,\lambda\alpha_1\,I_0\,l}{h^3}
+       \int_{-h/2}^{h/2} e^{-(h/2-z)/d} z\,dz .
+
+    Parameters
+    ----------
+    strain_per_irradiance : float
+        :math:`\lambda\alpha_1`, m^2/W; negative for contraction.
+    irradiance : float
+        :math:`I_0`, W/m^2.
+    thickness, depth, length : float
+        h, d and l, m.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> round(dimensionless_illumination(-5.4e-5, 100, 15e-6, 0.56e-6, 15e-3), 6)
+    1.119283
+    """
+    strain = finite("strain_per_irradiance", strain_per_irradiance, unit="m^2/W")
+    light = finite("irradiance", irradiance, unit="W/m^2")
+    span = positive("length", length, unit="m")
+    moment = absorption_moment(thickness, depth)
+    return -12.0 * strain * light * span * moment / thickness**3
+
+
+@dataclass(frozen=True)
+class Snap:
+    """A loss of stability and the jump that follows it.
+
+    Attributes
+    ----------
+    time : float
+        When it happens.
+    kind : {"fold", "bifurcation"}
+        Whether time has a maximum along the path of equilibria there.
+    before, after : ndarray, shape (modes,)
+        Modes of the shape on either side of the jump.
+    direction : int
+        +1 if the strip jumps up, -1 if down (sign of the change of the mean height).
+    """
+
+    time: float
+    kind: str
+    before: Array
+    after: Array
+    direction: int
+
+
+@dataclass(frozen=True)
+class StripHistory:
+    """History of a strip under light.
+
+    Attributes
+    ----------
+    times : ndarray, shape (steps,)
+        Accepted steps; a snap contributes two rows with one time.
+    shapes, curvatures : ndarray, shape (steps, modes)
+        Legendre modes of the curvature and of the natural curvature.
+    multipliers : ndarray, shape (steps, 2)
+        Multipliers of span and level: minus the thrust along the strip, and the shear force.
+    eigenvalues : ndarray, shape (steps,)
+        Lowest eigenvalue of the constrained second variation in the metric
+        :math:`\\int u^2 dS` of angle variations.
+    snaps : tuple of Snap
+        In order of time.
+    steady : bool
+        Whether the run ended because nothing moved any more.
+    """
+
+    times: Array
+    shapes: Array
+    curvatures: Array
+    multipliers: Array
+    eigenvalues: Array
+    snaps: tuple[Snap, ...]
+    steady: bool
+    _basis: _Basis = field(repr=False)
+
+    def angle(self, position: npt.ArrayLike) -> Array:
+        """Return the tangent angle, shape (steps, len(position))."""
+        s = np.atleast_1d(np.asarray(position, dtype=float))
+        return self.shapes @ _integrated(s, self.shapes.shape[1]).T
+
+    def natural_curvature(self, position: npt.ArrayLike) -> Array:
+        """Return the natural curvature without its mean, shape (steps, len(position))."""
+        s = np.atleast_1d(np.asarray(position, dtype=float))
+        return self.curvatures @ _legendre(s, self.shapes.shape[1]).T
+
+    def descriptors(self) -> tuple[Array, Array]:
+        r"""Return :math:`\gamma` and :math:`\beta`, (3.31) of the thesis, shape (steps,) each."""
+        basis = self._basis
+        sine = basis.weights * np.sin(2 * np.pi * basis.nodes)
+        beta = self.curvatures @ (basis.values.T @ sine)
+        # gamma = int (cos(2 pi S) - 1)/(2 pi) sin(theta) dS: by parts, as Y(0) = Y(1) = 0
+        kernel = basis.weights * (np.cos(2 * np.pi * basis.nodes) - 1.0) / (2 * np.pi)
+        gamma = np.sin(self.shapes @ basis.integrals.T) @ kernel
+        return gamma, beta
+
+
+def _legendre(s: Array, modes: int) -> Array:
+    """Orthonormal Legendre polynomials of degree 1..modes on [0, 1], shape (len(s), modes)."""
+    x = 2.0 * s - 1.0
+    table = np.empty((modes + 1, s.size))
+    table[0] = 1.0
+    if modes:
+        table[1] = x
+    for n in range(1, modes):
+        table[n + 1] = ((2 * n + 1) * x * table[n] - n * table[n - 1]) / (n + 1)
+    return (table[1:] * np.sqrt(2.0 * np.arange(1, modes + 1) + 1.0)[:, None]).T
+
+
+def _integrated(s: Array, modes: int) -> Array:
+    """Integrals from 0 of the orthonormal polynomials, shape (len(s), modes)."""
+    x = 2.0 * s - 1.0
+    table = np.empty((modes + 2, s.size))
+    table[0] = 1.0
+    table[1] = x
+    for n in range(1, modes + 1):
+        table[n + 1] = ((2 * n + 1) * x * table[n] - n * table[n - 1]) / (n + 1)
+    order = np.arange(1, modes + 1)
+    scale = 0.5 / np.sqrt(2.0 * order + 1.0)
+    return ((table[2:] - table[:-2]) * scale[:, None]).T
+
+
+class _Basis:
+    """Tables of the modes at Gauss points; holds nothing that changes."""
+
+    def __init__(self, modes: int) -> None:
+        self.modes = modes
+        x, w = np.polynomial.legendre.leggauss(2 * modes + 8)
+        self.nodes, self.weights = (x + 1.0) / 2.0, w / 2.0
+        self.values = _legendre(self.nodes, modes)
+        self.integrals = _integrated(self.nodes, modes)
+        self.mass = (self.integrals.T * self.weights) @ self.integrals
+        x, w = np.polynomial.legendre.leggauss(modes + 16)
+        self.arc_nodes, self.arc_weights = (x + 1.0) / 2.0, w / 2.0
+
+
+class _Strip:
+    """The coupled problem in modes."""
+
+    def __init__(
+        self, response: float, angle: float, span: float, basis: _Basis, spot: Spot | None
+    ) -> None:
+        self.response, self.angle, self.span = response, angle, span
+        self.basis, self.spot = basis, spot
+
+    # -- mechanics ---------------------------------------------------------------------------
+    def constraints(self, a: Array) -> tuple[Array, Array]:
+        """Values of the two constraints and their gradients, shapes (2,) and (modes, 2)."""
+        b = self.basis
+        theta = b.integrals @ a
+        c, s = b.weights * np.cos(theta), b.weights * np.sin(theta)
+        value = np.array([c.sum() - self.span, s.sum()])
+        return value, np.stack([-b.integrals.T @ s, b.integrals.T @ c], axis=1)
+
+    def hessian(self, a: Array, multipliers: Array) -> Array:
+        b = self.basis
+        theta = b.integrals @ a
+        weight = b.weights * (multipliers[0] * np.cos(theta) + multipliers[1] * np.sin(theta))
+        return np.eye(b.modes) - (b.integrals.T * weight) @ b.integrals
+
+    def kkt(self, a: Array, multipliers: Array) -> Array:
+        m = self.basis.modes
+        matrix = np.zeros((m + 2, m + 2))
+        matrix[:m, :m] = self.hessian(a, multipliers)
+        _, gradient = self.constraints(a)
+        matrix[:m, m:] = gradient
+        matrix[m:, :m] = gradient.T
+        return matrix
+
+    def eigen(self, a: Array, multipliers: Array) -> tuple[Array, Array]:
+        """Constrained eigenvalues in the metric of the angle, and the lowest mode (modes of u')."""
+        _, gradient = self.constraints(a)
+        free = null_space(gradient.T)
+        values, vectors = eigh(
+            free.T @ self.hessian(a, multipliers) @ free, free.T @ self.basis.mass @ free
+        )
+        return values, free @ vectors[:, 0]
+
+    def equilibrium(self, a: Array, k: Array) -> tuple[Array, Array]:
+        """Newton's method from a near equilibrium; the result need not be stable."""
+        m = self.basis.modes
+        _, gradient = self.constraints(a)
+        multipliers = np.linalg.lstsq(gradient, k - a, rcond=None)[0]
+        last = np.inf
+        for _ in range(60):
+            value, gradient = self.constraints(a)
+            residual = np.concatenate([a - k + gradient @ multipliers, value])
+            size = float(np.max(np.abs(residual)))
+            if size < 1e-13 * (1.0 + float(np.max(np.abs(k)))) or (size < 1e-10 and size >= last):
+                return a, multipliers
+            last = size
+            step = np.linalg.solve(self.kkt(a, multipliers), -residual)
+            a, multipliers = a + step[:m], multipliers + step[m:]
+        raise NotConverged(f"equilibrium not found: residual {size:.1e}", state=(a, k))
+
+    def descend(self, a: Array, k: Array, leaving: Array | None = None) -> tuple[Array, Array]:
+        """Projected gradient flow of the squared distance to k, ended by Newton's method.
+
+        Returns a stable state. With `leaving`, a critical state next to `a`, the flow is given up
+        as soon as it turns back to it.
+        """
+        step = 0.25
+        a = self._restore(a)
+        away = np.inf if leaving is None else float(np.linalg.norm(a - leaving))
+        energy = 0.5 * float((a - k) @ (a - k))
+        for sweep in range(4000):
+            _, gradient = self.constraints(a)
+            force = k - a
+            force = force - gradient @ np.linalg.lstsq(gradient, force, rcond=None)[0]
+            slope = float(force @ force)
+            if slope < 1e-6 and sweep % 5 == 0:
+                try:
+                    found, multipliers = self.equilibrium(a, k)
+                except NotConverged:
+                    found = np.full_like(a, np.inf)
+                if np.linalg.norm(found - a) < 0.05:
+                    low = self.eigen(found, multipliers)[0][0]
+                    far = leaving is None or np.linalg.norm(found - leaving) > 5 * away
+                    if low > 1e-3 and far:
+                        return found, multipliers
+            if leaving is not None and np.linalg.norm(a - leaving) < 0.7 * away:
+                raise Unstable("the flow returns to the critical state", state=(a, k))
+            while True:
+                trial = self._restore(a + step * force)
+                new = 0.5 * float((trial - k) @ (trial - k))
+                if new <= energy - 0.25 * step * slope + 1e-15 * (1.0 + energy):
+                    break
+                step *= 0.5
+                if step < 1e-12:
+                    raise NotConverged("gradient flow stalled", state=(a, k))
+            a, energy = trial, new
+            if sweep % 8 == 7:
+                step = min(0.5, 2.0 * step)
+        raise NotConverged("gradient flow did not settle in 4000 steps", state=(a, k))
+
+    def _restore(self, a: Array) -> Array:
+        for _ in range(50):
+            value, gradient = self.constraints(a)
+            if np.max(np.abs(value)) < 1e-14:
+                return a
+            a = a - gradient @ np.linalg.solve(gradient.T @ gradient, value)
+        if np.max(np.abs(value)) < 1e-11:
+            return a
+        raise NotConverged("constraints could not be restored", state=a)
+
+    def height(self, a: Array) -> float:
+        """Mean height, int (1 - S) sin(theta) dS."""
+        b = self.basis
+        return float((b.weights * (1.0 - b.nodes)) @ np.sin(b.integrals @ a))
+
+    # -- light -------------------------------------------------------------------------------
+    def _terminators(self, a: Array, lit: Array) -> list[float]:
+        """Where cos(theta - angle) changes sign, by cubic interpolation between Gauss points."""
+        b = self.basis
+        theta, slope = b.integrals @ a, b.values @ a
+        roots = []
+        for i in np.flatnonzero(lit[:-1] * lit[1:] < 0):
+            h = b.nodes[i + 1] - b.nodes[i]
+            # theta passes (n + 1/2) pi + angle between the points
+            level = (
+                np.round((0.5 * (theta[i] + theta[i + 1]) - self.angle) / np.pi - 0.5) + 0.5
+            ) * np.pi + self.angle
+            p, q = theta[i] - level, theta[i + 1] - level
+            u, v = h * slope[i], h * slope[i + 1]
+
+            def cubic(t: float, p: float = p, q: float = q, u: float = u, v: float = v) -> float:
+                return float(
+                    p * (1 + 2 * t) * (1 - t) ** 2
+                    + q * t * t * (3 - 2 * t)
+                    + u * t * (1 - t) ** 2
+                    - v * t * t * (1 - t)
+                )
+
+            if p * q < 0:
+                roots.append(b.nodes[i] + h * float(brentq(cubic, 0.0, 1.0, xtol=1e-12)))
+        return roots
+
+    def lit(self, a: Array) -> Array:
+        """Projections of the light on the modes, shape (modes,)."""
+        b = self.basis
+        theta = b.integrals @ a
+        cosine = np.cos(theta - self.angle)
+        if np.all(cosine > 0):
+            if self.spot is not None:
+                cosine = cosine * self.spot(self._abscissa(a, b.nodes))
+            return b.values.T @ (b.weights * cosine)
+        ends = [0.0, *self._terminators(a, cosine), 1.0]
+        lengths = np.diff(ends)
+        s = (np.array(ends[:-1])[:, None] + lengths[:, None] * b.arc_nodes).ravel()
+        w = (lengths[:, None] * b.arc_weights).ravel()
+        light = np.maximum(0.0, np.cos(_integrated(s, b.modes) @ a - self.angle))
+        if self.spot is not None:
+            light = light * self.spot(self._abscissa(a, s))
+        return _legendre(s, b.modes).T @ (w * light)
+
+    def _abscissa(self, a: Array, s: Array) -> Array:
+        """X(s), through the Legendre series of cos(theta)."""
+        b = self.basis
+        cosine = b.weights * np.cos(b.integrals @ a)
+        series = b.values.T @ cosine
+        return cosine.sum() * s + _integrated(s, b.modes) @ series
+
+    def rate(self, a: Array, k: Array) -> Array:
+        return self.response * self.lit(a) - k
+
+
+def _run(
+    strip: _Strip,
+    k: Array,
+    a: Array,
+    until: float,
+    rtol: float,
+    stop: Callable[[list[Snap]], bool] | None,
+    still: float,
+    perturbation: float,
+) -> StripHistory:
+    m = strip.basis.modes
+    a, multipliers = strip.equilibrium(a, k)
+    time, steady = 0.0, False
+    rows: list[tuple[float, Array, Array, Array, float]] = []
+    snaps: list[Snap] = []
+
+    def record(t: float, y: Array) -> float:
+        low = float(strip.eigen(y[m : 2 * m], y[2 * m : 2 * m + 2])[0][0])
+        rows.append((t, y[m : 2 * m].copy(), y[:m].copy(), y[2 * m : 2 * m + 2].copy(), low))
+        return low
+
+    while time < until and not steady and not (stop is not None and stop(snaps)):
+        y = np.concatenate([k, a, multipliers, [time]])
+        reference = np.zeros(2 * m + 3)
+        reference[-1] = 1.0
+
+        def path(_: float, y: Array, reference: Array = reference) -> Array:
+            k, a, multipliers = y[:m], y[m : 2 * m], y[2 * m : 2 * m + 2]
+            rate = strip.rate(a, k)
+            factor = lu_factor(strip.kkt(a, multipliers), check_finite=False)
+            right = np.concatenate([rate, [0.0, 0.0]])
+            moved = lu_solve(factor, right, check_finite=False)
+            tangent = np.concatenate([rate, moved, [1.0]])
+            tangent /= np.sqrt(1.0 + moved[:m] @ moved[:m])
+            if tangent[m:] @ reference[m:] < 0:
+                tangent = -tangent
+            return tangent
+
+        if record(time, y) <= 0.0:
+            raise Unstable("the start is not a stable equilibrium", state=(a, k))
+        tangent = path(0.0, y)
+        reference[:] = tangent
+        solver = DOP853(path, 0.0, y, np.inf, rtol=rtol, atol=0.01 * rtol, max_step=0.25)
+        while True:
+            old = solver.y.copy()
+            message = solver.step()
+            if solver.status == "failed":
+                raise NotConverged(
+                    f"integration along the path failed at T = {old[-1]:g}: {message}"
+                )
+            new = solver.y
+            reference[:] = path(solver.t, new)
+            low = float(strip.eigen(new[m : 2 * m], new[2 * m : 2 * m + 2])[0][0])
+            if low <= 0.0:
+                dense = solver.dense_output()
+
+                def lowest(x: float, dense: object = dense) -> float:
+                    z = dense(x)  # type: ignore[operator]
+                    return float(strip.eigen(z[m : 2 * m], z[2 * m : 2 * m + 2])[0][0])
+
+                place = brentq(lowest, solver.t_old, solver.t, xtol=1e-13)
+                y = dense(place)
+                if y[-1] > until:
+                    break
+                kind = "fold" if abs(path(place, y)[-1]) < 1e-3 else "bifurcation"
+                record(y[-1], y)
+                snap = _jump(strip, y, kind, perturbation)
+                snaps.append(snap)
+                k, time = y[:m].copy(), float(y[-1])
+                a, multipliers = strip.equilibrium(snap.after, k)
+                break
+            if new[-1] >= until:
+                dense = solver.dense_output()
+                place = brentq(lambda x: dense(x)[-1] - until, solver.t_old, solver.t, xtol=1e-13)
+                record(until, dense(place))
+                time = until
+                break
+            record(new[-1], new)
+            if np.linalg.norm(strip.rate(new[m : 2 * m], new[:m])) < still:
+                steady = True
+                time = float(new[-1])
+                break
+    times, shapes, curvatures, forces, lows = zip(*rows, strict=True)
+    return StripHistory(
+        times=np.array(times),
+        shapes=np.array(shapes),
+        curvatures=np.array(curvatures),
+        multipliers=np.array(forces),
+        eigenvalues=np.array(lows),
+        snaps=tuple(snaps),
+        steady=steady,
+        _basis=strip.basis,
+    )
+
+
+def _jump(strip: _Strip, y: Array, kind: str, perturbation: float) -> Snap:
+    """Leave the critical state along its mode, on the side that descends furthest."""
+    m = strip.basis.modes
+    k, a = y[:m], y[m : 2 * m]
+    _, mode = strip.eigen(a, y[2 * m : 2 * m + 2])
+    mode = mode / np.linalg.norm(mode)
+    starts = [strip._restore(a + sign * perturbation * mode) for sign in (1.0, -1.0)]
+    starts.sort(key=lambda start: float((start - k) @ (start - k)))
+    best: Array | None = None
+    lowest = np.inf
+    # at a fold the energy falls on one side only; at a symmetric loss of stability on both
+    for start in starts if kind == "bifurcation" else starts[:1]:
+        found, _ = strip.descend(start, k, leaving=a)
+        energy = float((found - k) @ (found - k))
+        if energy < lowest:
+            best, lowest = found, energy
+    if best is None:
+        raise NotConverged(f"no state found to snap to at T = {y[-1]:g}", state=(a, k))
+    direction = int(np.sign(strip.height(best) - strip.height(a)))
+    return Snap(float(y[-1]), kind, a.copy(), best, direction)
+
+
+def _buckled(strip: _Strip, up: bool) -> Array:
+    """The unlit strip, by descent from a sine of roughly the right height."""
+    b = strip.basis
+    slope = 4 * np.pi * np.sqrt(1.0 - strip.span) * np.cos(2 * np.pi * b.nodes)
+    a = b.values.T @ (b.weights * slope)
+    a, _ = strip.descend(a if up else -a, np.zeros(b.modes))
+    return a
+
+
+def strip_history(
+    response: float,
+    angle: float,
+    span: float,
+    *,
+    until: float,
+    up: bool = True,
+    spot: tuple[float, float] | None = None,
+    modes: int = 40,
+    rtol: float = 1e-9,
+    still: float = 1e-9,
+    perturbation: float = 1e-2,
+) -> StripHistory:
+    r"""History of a clamped strip that is lit from the time 0 on.
+
+    Parameters
+    ----------
+    response : float
+        Dimensionless illumination :math:`\Lambda`, of either sign.
+    angle : float
+        Angle of the light from the vertical, in radians.
+    span : float
+        Distance of the clamps, in (0, 1).
+    until : float
+        Last time, in relaxation times.
+    up : bool, optional
+        Whether the strip starts buckled up.
+    spot : (float, float), optional
+        Center and width :math:`(\mu, W)` of a Gaussian beam
+        :math:`\exp(-(X-\mu)^2/2W^2)`; default even light.
+    modes : int, optional
+        Legendre modes.
+    rtol : float, optional
+        Relative tolerance of DOP853 along the path.
+    still : float, optional
+        The run ends early where the rate of natural curvature is smaller than this.
+    perturbation : float, optional
+        First push along the critical mode after a loss of stability.
+
+    Returns
+    -------
+    StripHistory
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of range.
+    NotConverged
+        If the integration or a descent fails.
+
+    Examples
+    --------
+    >>> history = strip_history(10.0, 0.8, 0.95, until=0.3, modes=20)
+    >>> len(history.snaps)
+    1
+    """
+    strip = _strip(response, angle, span, modes, spot)
+    return _run(
+        strip,
+        np.zeros(strip.basis.modes),
+        _buckled(strip, bool(up)),
+        positive("until", until),
+        positive("rtol", rtol),
+        None,
+        positive("still", still),
+        positive("perturbation", perturbation),
+    )
+
+
+def _strip(
+    response: float, angle: float, span: float, modes: int, spot: tuple[float, float] | None
+) -> _Strip:
+    lam, t = finite("response", response), finite("angle", angle, unit="rad")
+    length = in_open_interval("span", span, 0.0, 1.0, "clamps nearer than the strip is long")
+    beam: Spot | None = None
+    if spot is not None:
+        if len(spot) != 2:
+            raise InvalidInput(f"argument `spot` is {spot!r}; pass (center, width)")
+        center, width = finite("spot center", spot[0]), positive("spot width", spot[1])
+
+        def beam(x: Array) -> Array:
+            return np.exp(-((x - center) ** 2) / (2.0 * width**2))
+
+    return _Strip(lam, t, length, _Basis(integer_at_least("modes", modes, 6)), beam)
+
+
+def strip_period(
+    response: float,
+    angle: float,
+    span: float,
+    *,
+    modes: int = 40,
+    rtol: float = 1e-9,
+    tolerance: float = 1e-8,
+    up: bool = True,
+    limit: float = 200.0,
+) -> tuple[float, float] | None:
+    """Period of steady flapping and the part of it that the strip spends bent up.
+
+    Parameters
+    ----------
+    response, angle, span, modes, rtol, up
+        As in :func:`strip_history`.
+    tolerance : float, optional
+        Two successive periods agree to this when the run ends.
+    limit : float, optional
+        Longest time simulated.
+
+    Returns
+    -------
+    (period, up_time) or None
+        None if the strip comes to rest instead.
+
+    Raises
+    ------
+    NotConverged
+        If no period settles within `limit`.
+    """
+    strip = _strip(response, angle, span, modes, None)
+    small = positive("tolerance", tolerance)
+
+    def settled(snaps: list[Snap]) -> bool:
+        t = [snap.time for snap in snaps]
+        return len(t) >= 5 and all(
+            abs((t[-1 - i] - t[-3 - i]) - (t[-2 - i] - t[-4 - i])) < small * (t[-1] - t[-3])
+            for i in (0, 1)
+        )
+
+    history = _run(
+        strip,
+        np.zeros(strip.basis.modes),
+        _buckled(strip, bool(up)),
+        positive("limit", limit),
+        positive("rtol", rtol),
+        settled,
+        1e-9,
+        1e-2,
+    )
+    snaps = list(history.snaps)
+    if settled(snaps):
+        t = [snap.time for snap in snaps]
+        up_time = t[-1] - t[-2] if snaps[-1].direction < 0 else t[-2] - t[-3]
+        return t[-1] - t[-3], up_time
+    if history.steady:
+        return None
+    raise NotConverged(f"no settled period within T = {limit:g}", history=history)
+
+
+def snap_time(
+    response: float,
+    center: float,
+    width: float,
+    span: float,
+    *,
+    modes: int = 40,
+    rtol: float = 1e-9,
+    limit: float = 200.0,
+) -> float:
+    r"""Time at which a strip that is buckled up snaps under a Gaussian beam from straight above.
+
+    Parameters
+    ----------
+    response : float
+        Peak illumination :math:`\Lambda_{\max}`.
+    center, width : float
+        :math:`\mu` and W of (3.32) of the thesis.
+    span, modes, rtol
+        As in :func:`strip_history`.
+    limit : float, optional
+        Longest time simulated.
+
+    Returns
+    -------
+    float
+        ``inf`` if the strip comes to rest, or lasts to `limit`, without a snap.
+    """
+    strip = _strip(response, 0.0, span, modes, (center, width))
+    history = _run(
+        strip,
+        np.zeros(strip.basis.modes),
+        _buckled(strip, True),
+        positive("limit", limit),
+        positive("rtol", rtol),
+        lambda snaps: len(snaps) > 0,
+        1e-9,
+        1e-2,
+    )
+    return history.snaps[0].time if history.snaps else np.inf
