@@ -16,6 +16,12 @@ from ._version import __version__
 
 # Public name -> module of the package that defines it.
 _EXPORTS: dict[str, str] = {
+    "BaseStructure": "structure",
+    "DenseStructure": "structure",
+    "Equilibrium": "equilibrium",
+    "Structure": "structure",
+    "equilibrate": "equilibrium",
+    "smallest_eigenvalue": "stability",
     "LissomeError": "errors",
     "InvalidInput": "errors",
     "NotConverged": "errors",
@@ -30,7 +36,7 @@ _EXPORTS: dict[str, str] = {
 }
 
 # Public modules and packages.
-_SUBMODULES: tuple[str, ...] = ("errors",)
+_SUBMODULES: tuple[str, ...] = ("equilibrium", "errors", "factorization", "stability", "structure")
 
 __all__ = ["__version__", *_EXPORTS, *_SUBMODULES]
 

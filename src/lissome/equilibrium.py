@@ -1,0 +1,757 @@
+"""Stable stationary points of an energy under equality constraints.
+
+Newton's method on the KKT system of the Lagrangian, with the inertia of the KKT matrix held at that
+of a minimum: a shift of the Hessian where it is not, a step along the direction of negative
+curvature at a saddle, a second-order correction with the same factors, and a line search.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import (
+    FactorizationError,
+    InvalidInput,
+    NotConverged,
+    StabilityNotResolvable,
+    Unstable,
+)
+from .factorization import Factorization, KKTMatrix
+from .stability import lowest_mode, nearest_eigenvalue
+from .structure import Evaluation, Structure, save_state
+
+__all__ = ["Equilibrium", "Iteration", "equilibrate"]
+
+Array = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
+DEFAULT_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One line of the history of a solve.
+
+    Attributes
+    ----------
+    number : int
+        Iteration, from 0.
+    energy : float
+        Potential energy.
+    residual : float
+        Largest unbalanced force or constraint, relative to the size of the terms in its sum.
+    correction : float
+        Size of the Newton correction relative to the typical size of the unknowns.
+    shift : float
+        Multiple of the metric added to the Hessian.
+    step : float
+        Fraction of the correction that was taken (0 on the last line).
+    inertia : tuple of int
+        Inertia of the KKT matrix without shift.
+    kind : str
+        "newton", "corrected" (with second-order correction), "curvature" (step off a saddle),
+        "accepted" or "fast" (by the structure's own corrector).
+    """
+
+    number: int
+    energy: float
+    residual: float
+    correction: float
+    shift: float
+    step: float
+    inertia: tuple[int, int, int]
+    kind: str
+
+
+E = TypeVar("E", bound="Equilibrium")
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A stationary point of a structure: balanced, and stable unless it was asked for otherwise.
+
+    Attributes
+    ----------
+    structure : Structure
+        What was solved.
+    state : object
+        The state.
+    multipliers : ndarray, shape (m,)
+        Lagrange multipliers of the constraints.
+    energy : float
+        Potential energy.
+    residual : float
+        Largest unbalanced force or constraint relative to the terms that are summed in it.
+    inertia : tuple of int
+        Positive, negative and zero pivots of the KKT matrix (with gauge rows).
+    iterations : int
+        Number of Newton iterations.
+    stable : bool
+        Whether the second variation is positive on all admissible, not neutral, motions.
+    history : tuple of Iteration
+        The iterations.
+    """
+
+    structure: Any
+    state: Any
+    multipliers: Array
+    energy: float
+    residual: float
+    inertia: tuple[int, int, int]
+    iterations: int
+    stable: bool
+    history: tuple[Iteration, ...] = field(repr=False)
+
+    @property
+    def index(self) -> int:
+        """Number of unstable directions; 0 for a stable equilibrium."""
+        return self.inertia[1] - (sum(self.inertia) - self.structure.size)
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """Energy, gradient, constraints and KKT matrix at the equilibrium."""
+        return self.structure.evaluate(self.state, self.multipliers, 2)
+
+    @cached_property
+    def metric(self) -> Array:
+        """Diagonal metric at the equilibrium, shape (n,)."""
+        return np.asarray(self.structure.metric(self.state), dtype=float)
+
+    @cached_property
+    def gauge(self) -> Array:
+        """Generators of neutral motions at the equilibrium, shape (g, n)."""
+        return np.asarray(self.structure.gauge(self.state), dtype=float)
+
+    @cached_property
+    def factorization(self) -> Factorization:
+        """The factored KKT matrix, with gauge rows."""
+        kkt = self.evaluation.kkt
+        assert kkt is not None
+        return kkt.factorize(0.0, self.gauge, self.metric)
+
+    def smallest_eigenvalue(self) -> float:
+        """Return the smallest eigenvalue of the constrained second variation in the metric.
+
+        See :func:`lissome.smallest_eigenvalue`.
+        """
+        from .stability import smallest_eigenvalue
+
+        return float(smallest_eigenvalue(self).values[0])
+
+    def mode(self) -> Array:
+        """Return the mode of the smallest eigenvalue, shape (n,), of unit length in the metric."""
+        from .stability import smallest_eigenvalue
+
+        return smallest_eigenvalue(self).modes[0]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the state, for :func:`lissome.structure.load_state`."""
+        save_state(path, self.state)
+
+    def as_type(self, cls: type[E], **extra: Any) -> E:
+        """Return the same equilibrium as an instance of a subclass, for ``structure.present``."""
+        values = {item.name: getattr(self, item.name) for item in fields(Equilibrium)}
+        other = cls(**values, **extra)
+        for name in ("evaluation", "metric", "gauge", "factorization"):
+            if name in self.__dict__:
+                other.__dict__[name] = self.__dict__[name]
+        return other
+
+
+def _finite(evaluation: Evaluation) -> bool:
+    gradient = evaluation.gradient
+    return (
+        math.isfinite(evaluation.energy)
+        and bool(np.all(np.isfinite(evaluation.constraints)))
+        and (gradient is None or bool(np.all(np.isfinite(gradient))))
+    )
+
+
+def redundant_constraints(structure: Any, kkt: KKTMatrix, gauge: Array, metric: Array) -> list[int]:
+    """Return the rows of Jacobian and gauge that depend linearly on earlier ones."""
+    rows = np.vstack([kkt.jacobian_rows(), gauge]) / np.sqrt(metric)
+    kept: list[Array] = []
+    dependent = []
+    for i, row in enumerate(rows):
+        size = float(np.linalg.norm(row))
+        left = row.copy()
+        for _ in range(2):
+            for basis in kept:
+                left -= (basis @ left) * basis
+        if np.linalg.norm(left) <= 1e-10 * size or size == 0:
+            dependent.append(i)
+        else:
+            kept.append(left / np.linalg.norm(left))
+    return dependent
+
+
+def _redundancy_message(structure: Any, kkt: KKTMatrix, gauge: Array, metric: Array) -> str | None:
+    rows = redundant_constraints(structure, kkt, gauge, metric)
+    if not rows:
+        return None
+    names = getattr(structure, "constraint_names", None)
+
+    def name(i: int) -> str:
+        if i >= kkt.m:
+            return f"gauge row {i - kkt.m}"
+        return f"constraint {i}" + (f" ({names[i]})" if names else "")
+
+    listed = ", ".join(name(i) for i in rows[:6]) + (", ..." if len(rows) > 6 else "")
+    return (
+        f"the constraints are redundant: {listed} depends on those before (linearly dependent rows "
+        "of the Jacobian); remove it, or move the supports apart from the configuration in which "
+        "they lose their independence"
+    )
+
+
+class _Solver:
+    """State of one solve. Steps are methods; nothing outlives the solve."""
+
+    def __init__(
+        self,
+        structure: Structure,
+        state: Any,
+        multipliers: Array,
+        tolerance: float,
+        max_iterations: int,
+        on_iteration: Callable[[Iteration], None] | None,
+    ) -> None:
+        self.structure = structure
+        self.tolerance = tolerance
+        self.max_iterations = max_iterations
+        self.on_iteration = on_iteration
+        self.history: list[Iteration] = []
+        self.last_shift = 0.0
+        self.penalty = np.zeros(structure.constraints_count)
+        self.escapes = 0
+        self.relaxed = False
+        self.state = state
+        self.multipliers = multipliers
+
+    # ---- one point -------------------------------------------------------------------------------
+
+    def evaluate(self) -> None:
+        """Evaluate everything at the current point and factor the matrix without shift."""
+        structure = self.structure
+        self.evaluation = structure.evaluate(self.state, self.multipliers, 2)
+        evaluation = self.evaluation
+        n, m = structure.size, structure.constraints_count
+        if evaluation.gradient is None or evaluation.kkt is None:
+            raise InvalidInput("`structure.evaluate` returned no gradient or KKT matrix at order 2")
+        if evaluation.gradient.shape != (n,) or evaluation.constraints.shape != (m,):
+            raise InvalidInput(
+                f"`structure.evaluate` returned a gradient of shape {evaluation.gradient.shape} and "
+                f"constraints of shape {evaluation.constraints.shape}; they must be ({n},) and ({m},)"
+            )
+        if not _finite(evaluation):
+            raise InvalidInput(
+                f"energy ({evaluation.energy}), gradient or constraints are not finite at the "
+                "starting state; start inside the domain of the energy"
+            )
+        self.gradient: Array = evaluation.gradient
+        self.constraints: Array = evaluation.constraints
+        self.kkt: KKTMatrix = evaluation.kkt
+        self.metric = np.asarray(structure.metric(self.state), dtype=float)
+        self.gauge = np.asarray(structure.gauge(self.state), dtype=float).reshape(-1, n)
+        self.typical = np.broadcast_to(np.asarray(structure.typical(self.state), dtype=float), (n,))
+        self.noise = float(structure.noise(self.state))
+        self.force_terms, self.constraint_terms = self.kkt.magnitude(self.typical, self.multipliers)
+        self.residual = self.relative_residual(self.gradient, self.constraints)
+        try:
+            self.plain: Factorization | None = self.kkt.factorize(0.0, self.gauge, self.metric)
+        except FactorizationError:
+            self.plain = None
+
+    def relative_residual(self, gradient: Array, constraints: Array) -> float:
+        """Return the largest residual relative to the terms summed in its component."""
+        worst = 0.0
+        for values, terms in (
+            (gradient, self.force_terms),
+            (constraints, self.constraint_terms),
+        ):
+            if values.size:
+                size = np.maximum(terms, EPS * np.max(terms))
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    ratio = np.where(values == 0, 0.0, np.abs(values) / size)
+                worst = max(worst, float(np.max(ratio)))
+        return worst
+
+    def magnitude(self, dx: Array) -> float:
+        """Return the size of an increment relative to the typical unknowns."""
+        return float(np.max(np.abs(dx) / self.typical))
+
+    @property
+    def inertia(self) -> tuple[int, int, int]:
+        """Inertia without shift; zeros stand for 'not known'."""
+        return self.plain.inertia if self.plain is not None else (0, 0, 0)
+
+    def record(self, correction: float, shift: float, step: float, kind: str) -> None:
+        """Add a line to the history."""
+        line = Iteration(
+            len(self.history), self.evaluation.energy, self.residual, correction, shift, step,
+            self.inertia, kind,
+        )  # fmt: skip
+        self.history.append(line)
+        if self.on_iteration is not None:
+            self.on_iteration(line)
+
+    def fail(self, message: str) -> NotConverged:
+        """Return the error for a solve that does not go on."""
+        if self.relaxed:
+            redundant = _redundancy_message(self.structure, self.kkt, self.gauge, self.metric)
+            message += f"; {redundant}" if redundant else ""
+        return NotConverged(message, history=tuple(self.history), state=self.state)
+
+    # ---- directions ------------------------------------------------------------------------------
+
+    def regular(self, least: float = 0.0) -> tuple[Factorization, float]:
+        """Return factors with the inertia of a minimum, with a shift that is as small as can be."""
+        if least == 0.0 and self.plain is not None and self.plain.is_minimum:
+            self.last_shift *= 0.25
+            return self.plain, 0.0
+        unit = np.ones(self.structure.size)
+        stiffness = self.kkt.magnitude(unit, np.zeros(self.structure.constraints_count))[0]
+        scale = float(np.median(stiffness / self.metric))
+        scale = scale if scale > 0 else 1.0
+        first = max(least, self.last_shift * 0.25, 1e-6 * scale)
+
+        def attempt(shift: float, relaxation: float) -> Factorization | None:
+            # The relaxation is measured by what the shifted Hessian makes of the constraints.
+            r = relaxation * float(np.max(self.constraint_terms, initial=0.0)) ** 2
+            r /= shift * float(np.min(self.metric * self.typical**2))
+            try:
+                factor = self.kkt.factorize(shift, self.gauge, self.metric, r)
+            except FactorizationError:
+                return None
+            return factor if factor.is_minimum else None
+
+        for relaxation in (0.0, 1e-8):
+            trial = first
+            while trial <= 1e9 * scale:
+                factor = attempt(trial, relaxation)
+                if factor is not None:
+                    if trial > first:  # a smaller shift gives longer steps
+                        middle = trial / math.sqrt(8.0)
+                        better = attempt(middle, relaxation)
+                        if better is not None:
+                            factor, trial = better, middle
+                    self.last_shift = trial
+                    self.relaxed = relaxation > 0
+                    return factor, trial
+                trial *= 8.0
+        message = _redundancy_message(self.structure, self.kkt, self.gauge, self.metric)
+        if message:
+            raise InvalidInput(message)
+        raise self.fail("the KKT matrix could not be made regular by any shift of the Hessian")
+
+    # ---- line search -----------------------------------------------------------------------------
+
+    def merit(self, evaluation: Evaluation) -> float:
+        """Return the exact penalty function."""
+        return evaluation.energy + float(self.penalty @ np.abs(evaluation.constraints))
+
+    def newton(self, factor: Factorization, shift: float, dx: Array, dmult: Array) -> float:
+        """Take a step along the Newton direction; return the fraction taken, 0 if none."""
+        structure = self.structure
+        c = self.constraints
+        jt_mult = self.kkt.apply(np.zeros_like(dx), self.multipliers)[0]
+        energy_slope = float((self.gradient - jt_mult) @ dx)
+        target = np.abs(self.multipliers + dmult)
+        c1 = float(np.sum(np.abs(c)))
+        self.penalty = np.maximum(target, 0.5 * (self.penalty + target))
+        slope = energy_slope - float(self.penalty @ np.abs(c))
+        quadratic = float(dx @ (self.kkt.apply(dx, np.zeros_like(dmult))[0]))
+        quadratic += shift * float(dx @ (self.metric * dx))
+        wanted = -0.5 * abs(quadratic)
+        if slope > wanted and c1 > 0:  # not downhill yet: weigh the constraints more
+            self.penalty = self.penalty + 2.0 * (slope - wanted) / c1
+            slope = energy_slope - float(self.penalty @ np.abs(c))
+        merit = self.merit(self.evaluation)
+        slack = 16 * EPS * (abs(self.evaluation.energy) + float(self.penalty @ np.abs(c)))
+        size = float(np.sqrt(dx @ (self.metric * dx)))
+
+        largest = float(structure.max_step(self.state, dx))
+        if not 0 < largest <= 1:
+            raise InvalidInput(f"`structure.max_step` returned {largest}; it must lie in (0, 1]")
+        step = largest
+        while step * self.magnitude(dx) > 1e-14 and step > 1e-12:
+            state = structure.retract(self.state, step * dx)
+            mult = self.multipliers + step * dmult
+            kind = "newton"
+            for attempt in range(5):
+                trial = structure.evaluate(state, mult, 1)
+                if not _finite(trial):
+                    break
+                assert trial.gradient is not None
+                if self.merit(trial) <= merit + 1e-4 * step * slope + slack:
+                    self.record(self.magnitude(dx), shift, step, kind)
+                    self.state, self.multipliers = state, mult
+                    return step
+                if attempt == 4:
+                    break
+                if attempt == 0 and step == 1.0:
+                    # Natural test: the next correction, with the same factors, is much shorter.
+                    d2, m2 = factor.solve(-trial.gradient, -trial.constraints)
+                    if float(np.sqrt(d2 @ (self.metric * d2))) <= 0.25 * size:
+                        self.record(self.magnitude(dx), shift, step, kind)
+                        self.state, self.multipliers = state, mult
+                        return step
+                if not c1 and not np.any(trial.constraints):
+                    break
+                aim = (1.0 - step) * c
+                excess = float(self.penalty @ np.abs(trial.constraints - aim))
+                if attempt and not excess < 0.9 * previous:
+                    break
+                previous = excess
+                d2, _ = factor.solve(np.zeros_like(dx), aim - trial.constraints)
+                if self.magnitude(d2) > self.magnitude(step * dx):
+                    break
+                d2 = d2 * float(structure.max_step(state, d2))
+                state = structure.retract(state, d2)
+                kind = "corrected"
+            step *= 0.5 if step > 0.2 else 0.25
+        return 0.0
+
+    def leave_saddle(self) -> bool:
+        """Step along the direction of most negative curvature, downhill."""
+        structure = self.structure
+        factor, shift = self.regular(self.last_shift * 4)
+        curvature, mode = lowest_mode(self.kkt, factor, shift, self.metric)
+        if not curvature < 0:
+            return False
+        # A constraint that holds to rounding must not hide the small fall of the energy.
+        self.penalty = np.maximum(self.penalty, 2 * np.abs(self.multipliers))
+        merit = self.merit(self.evaluation)
+        slack = 16 * EPS * abs(self.evaluation.energy)
+        unit = mode / self.magnitude(mode)
+        length2 = float(unit @ (self.metric * unit))
+
+        def reach(distance: float) -> tuple[float, Any] | None:
+            dx = distance * unit
+            if structure.max_step(self.state, dx) < 1.0:
+                return None
+            state = structure.retract(self.state, dx)
+            trial = structure.evaluate(state, self.multipliers, 0)
+            for _ in range(6):
+                if not _finite(trial):
+                    return None
+                if not np.any(np.abs(trial.constraints) > self.noise * self.constraint_terms):
+                    break
+                back, _ = factor.solve(np.zeros_like(dx), -trial.constraints)
+                if self.magnitude(back) > abs(distance):
+                    return None
+                state = structure.retract(state, back * float(structure.max_step(state, back)))
+                trial = structure.evaluate(state, self.multipliers, 0)
+            fall = self.merit(trial) - merit if _finite(trial) else math.inf
+            if fall < 0.1 * curvature * length2 * distance**2 - slack:
+                return fall, state
+            return None
+
+        distance = 0.1
+        while distance > 1e-7:
+            for sign in (1.0, -1.0):
+                found = reach(sign * distance)
+                if found is None:
+                    continue
+                while abs(distance) < 10:  # go on while it falls
+                    further = reach(2 * sign * distance)
+                    if further is None or further[0] >= found[0]:
+                        break
+                    found, distance = further, 2 * distance
+                self.record(self.magnitude(mode), shift, sign * distance, "curvature")
+                self.state = found[1]
+                return True
+            distance *= 0.25
+        return False
+
+    # ---- the loops -------------------------------------------------------------------------------
+
+    def check_resolved(self) -> None:
+        """Raise if rounding hides the sign of the eigenvalue that is nearest to zero."""
+        details = dict(state=self.state, history=tuple(self.history))
+        if self.plain is None or self.plain.inertia[2]:
+            redundant = _redundancy_message(self.structure, self.kkt, self.gauge, self.metric)
+            if redundant:
+                raise InvalidInput(redundant)
+            raise StabilityNotResolvable(
+                "the KKT matrix is singular to working precision at the stationary point: it is "
+                "critical (a fold or a bifurcation), or a neutral motion is not listed in `gauge`",
+                **details,
+            )
+        value, floor = nearest_eigenvalue(self.kkt, self.plain, self.metric, self.noise)
+        if not abs(value) > floor:
+            raise StabilityNotResolvable(
+                f"the eigenvalue nearest to zero is {value:.3g}, which does not exceed the round-off "
+                f"floor {floor:.3g}: stability cannot be resolved at this point; move the parameter "
+                "away from the critical value, or use a coarser mesh",
+                **details,
+            )
+
+    def finish(self, dx: Array | None, dmult: Array | None, correction: float) -> Equilibrium:
+        """Return the result, after a last Newton step if that improves the balance."""
+        self.check_resolved()
+        assert self.plain is not None
+        self.record(correction, 0.0, 0.0, "accepted")
+        state, mult, energy, residual = (
+            self.state, self.multipliers, self.evaluation.energy, self.residual,
+        )  # fmt: skip
+        polished = False
+        if dx is not None and dmult is not None and correction > 0:
+            if self.structure.max_step(self.state, dx) == 1.0:
+                new_state = self.structure.retract(self.state, dx)
+                new = self.structure.evaluate(new_state, mult + dmult, 1)
+                if _finite(new):
+                    assert new.gradient is not None
+                    new_residual = self.relative_residual(new.gradient, new.constraints)
+                    if new_residual < residual:
+                        state, mult, energy, residual = (
+                            new_state, mult + dmult, new.energy, new_residual,
+                        )  # fmt: skip
+                        polished = True
+        mult = np.array(mult)
+        mult.flags.writeable = False
+        result = Equilibrium(
+            structure=self.structure,
+            state=state,
+            multipliers=mult,
+            energy=energy,
+            residual=residual,
+            inertia=self.plain.inertia,
+            iterations=len(self.history) - 1,
+            stable=self.plain.is_minimum,
+            history=tuple(self.history),
+        )
+        if not polished:
+            result.__dict__["evaluation"] = self.evaluation
+            result.__dict__["factorization"] = self.plain
+        present = getattr(self.structure, "present", None)
+        return result if present is None else present(result)
+
+    def correction_at_hand(self) -> tuple[Array | None, Array | None, float, bool]:
+        """Return the plain Newton correction, its size, and whether the multipliers have settled."""
+        if self.plain is None or self.plain.inertia[2]:
+            return None, None, math.inf, True
+        try:
+            dx, dmult = self.plain.solve(-self.gradient, -self.constraints)
+        except FactorizationError:
+            return None, None, math.inf, True
+        zero = np.zeros_like(dx)
+        settled = True
+        if dmult.size:
+            change = self.kkt.magnitude(zero, dmult)[0]
+            size = self.kkt.magnitude(zero, self.multipliers + dmult)[0]
+            settled = bool(
+                np.max(change) <= 1e-6 * np.max(size)
+                or np.all(change <= 1e3 * self.noise * self.force_terms)
+            )
+        return dx, dmult, self.magnitude(dx), settled
+
+    def stable(self) -> Equilibrium:
+        """Descend to a minimum."""
+        previous = math.inf
+        for _ in range(self.max_iterations):
+            self.evaluate()
+            dx, dmult, correction, settled = self.correction_at_hand()
+            at_floor = self.residual <= self.noise
+            stalled = at_floor and not correction < 0.5 * previous
+            previous = correction
+            if (correction <= self.tolerance and settled) or stalled:
+                if self.plain is not None and self.plain.is_minimum:
+                    return self.finish(dx, dmult, correction)
+                self.check_resolved()
+                self.escapes += 1
+                if self.escapes > 30 or not self.leave_saddle():
+                    self.record(correction, 0.0, 0.0, "accepted")
+                    raise Unstable(
+                        f"the solve ended at a saddle with inertia {self.inertia} and could not "
+                        "leave it; start from another state, or pass require='any' to accept it",
+                        state=self.state,
+                        history=tuple(self.history),
+                    )
+                previous = math.inf
+                continue
+            least = 0.0
+            for _attempt in range(8):
+                factor, shift = self.regular(least)
+                if factor is not self.plain or dx is None or dmult is None:
+                    sx, sm = factor.solve(-self.gradient, -self.constraints)
+                else:
+                    sx, sm = dx, dmult
+                if self.newton(factor, shift, sx, sm) > 0:
+                    break
+                least = max(10 * shift, 4 * self.last_shift)
+            else:
+                if self.residual <= 1e3 * self.noise and self.plain and self.plain.is_minimum:
+                    return self.finish(dx, dmult, correction)
+                raise self.fail(
+                    f"no step lowers the merit function at iteration {len(self.history)} (residual "
+                    f"{self.residual:.3g}); check the gradient against finite differences of the "
+                    "energy, or start nearer"
+                )
+        raise self.fail(
+            f"no equilibrium after {self.max_iterations} iterations (residual {self.residual:.3g}); "
+            "start nearer, load in smaller steps (`follow`), or raise `max_iterations`"
+        )
+
+    def any(self) -> Equilibrium:
+        """Go to a stationary point of any index: Newton damped by the natural monotonicity test."""
+        previous = math.inf
+        for _ in range(self.max_iterations):
+            self.evaluate()
+            dx, dmult, correction, settled = self.correction_at_hand()
+            at_floor = self.residual <= self.noise
+            if (correction <= self.tolerance and settled) or (
+                at_floor and not correction < 0.5 * previous
+            ):
+                return self.finish(dx, dmult, correction)
+            previous = correction
+            if self.plain is None or dx is None or dmult is None:
+                raise self.fail(
+                    f"the KKT matrix is singular at iteration {len(self.history)}; start elsewhere"
+                )
+            size = float(np.sqrt(dx @ (self.metric * dx)))
+            step = float(self.structure.max_step(self.state, dx))
+            while step > 1e-10:
+                state = self.structure.retract(self.state, step * dx)
+                mult = self.multipliers + step * dmult
+                trial = self.structure.evaluate(state, mult, 1)
+                if _finite(trial):
+                    assert trial.gradient is not None
+                    d2, _ = self.plain.solve(-trial.gradient, -trial.constraints)
+                    near = self.relative_residual(trial.gradient, trial.constraints) <= self.noise
+                    if near or np.sqrt(d2 @ (self.metric * d2)) <= (1 - 0.25 * step) * size:
+                        break
+                step *= 0.5
+            else:
+                if self.residual <= 1e3 * self.noise:
+                    return self.finish(dx, dmult, correction)
+                raise self.fail(
+                    f"damped Newton iteration stopped at residual {self.residual:.3g}; start nearer"
+                )
+            self.record(correction, 0.0, step, "newton")
+            self.state, self.multipliers = state, mult
+        raise self.fail(
+            f"no equilibrium after {self.max_iterations} iterations (residual {self.residual:.3g})"
+        )
+
+
+def _estimate_multipliers(structure: Structure, state: Any) -> Array:
+    """Return the multipliers that balance the forces best, in the metric."""
+    m = structure.constraints_count
+    zero = np.zeros(m)
+    if m == 0:
+        return zero
+    evaluation = structure.evaluate(state, zero, 2)
+    if not _finite(evaluation) or evaluation.kkt is None or evaluation.gradient is None:
+        return zero  # the first iteration reports it
+    metric = np.asarray(structure.metric(state), dtype=float)
+    stiffness = evaluation.kkt.magnitude(np.ones(structure.size), zero)[0] / metric
+    shift = 1e5 * max(float(np.max(stiffness)), 1e-300)
+    try:
+        factor = evaluation.kkt.factorize(shift, None, metric)
+        return factor.solve(-evaluation.gradient)[1]
+    except FactorizationError:
+        return zero
+
+
+def equilibrate(
+    structure: Structure,
+    start: Any = None,
+    multipliers: ArrayLike | None = None,
+    *,
+    require: Literal["stable", "any"] = "stable",
+    tolerance: float | None = None,
+    max_iterations: int = 200,
+    on_iteration: Callable[[Iteration], None] | None = None,
+) -> Equilibrium:
+    """Find an equilibrium: a stationary point of the energy under the constraints.
+
+    Parameters
+    ----------
+    structure : Structure
+        What to solve.
+    start : state, optional
+        Where to start; ``structure.start()`` by default. Prescribed values of `structure` are
+        imposed on it (``structure.adopt``).
+    multipliers : array_like, shape (m,), optional
+        First guess of the multipliers; by default those that balance the forces best.
+    require : {"stable", "any"}
+        "stable" (default) descends to a minimum, leaving saddles on its way. "any" goes to a
+        stationary point near the start, whatever its index; see ``Equilibrium.stable``.
+    tolerance : float, optional
+        Size of the last Newton correction relative to the typical unknowns, 1e-9 by default. The
+        correction is still applied, so that the error is of the order of its square.
+    max_iterations : int
+        Limit of Newton iterations.
+    on_iteration : callable, optional
+        Called with every :class:`Iteration`.
+
+    Returns
+    -------
+    Equilibrium
+        Or the structure's own subclass of it.
+
+    Raises
+    ------
+    InvalidInput
+        If the start is outside the domain of the energy, or constraints are redundant.
+    NotConverged
+        If no stationary point was found; carries `history` and the last `state`.
+    Unstable
+        If the iteration ended at a saddle that it could not leave.
+    StabilityNotResolvable
+        If rounding hides the sign of an eigenvalue: at a fold or a bifurcation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> saddle = ls.DenseStructure(
+    ...     initial=[0.0, 0.5],
+    ...     energy=lambda x: (x[0] ** 2 - 1) ** 2 / 4 + x[1] ** 2 / 2,
+    ...     gradient=lambda x: np.array([x[0] ** 3 - x[0], x[1]]),
+    ...     hessian=lambda x: np.diag([3 * x[0] ** 2 - 1, 1.0]),
+    ... )
+    >>> abs(ls.equilibrate(saddle).state.x[0]).round(9)
+    1.0
+    >>> ls.equilibrate(saddle, require="any").index
+    1
+    """
+    if require not in ("stable", "any"):
+        raise InvalidInput(f"argument `require` is {require!r}; it must be 'stable' or 'any'")
+    tol = DEFAULT_TOLERANCE if tolerance is None else float(tolerance)
+    if not 0 < tol < 1:
+        raise InvalidInput(f"argument `tolerance` is {tolerance}; it must lie in (0, 1)")
+    if int(max_iterations) < 1:
+        raise InvalidInput(f"argument `max_iterations` is {max_iterations}; it must be at least 1")
+    state = structure.start() if start is None else structure.adopt(start)
+    m = structure.constraints_count
+    if multipliers is None:
+        guess = _estimate_multipliers(structure, state)
+    else:
+        guess = np.array(multipliers, dtype=float)
+        if guess.shape != (m,) or not np.all(np.isfinite(guess)):
+            raise InvalidInput(
+                f"argument `multipliers` has shape {guess.shape}; it must hold {m} finite numbers"
+            )
+    solver = _Solver(structure, state, guess, tol, int(max_iterations), on_iteration)
+    correct = getattr(structure, "correct", None)
+    if correct is not None:
+        fast_state, fast_mult, status = correct(state, guess, tol)
+        if status == 0:
+            solver.state, solver.multipliers = fast_state, np.asarray(fast_mult, dtype=float)
+            solver.evaluate()
+            if require == "any" or (solver.plain is not None and solver.plain.is_minimum):
+                dx, dmult, correction, settled = solver.correction_at_hand()
+                if (correction <= tol and settled) or solver.residual <= solver.noise:
+                    solver.record(correction, 0.0, 1.0, "fast")
+                    return solver.finish(dx, dmult, correction)
+            solver.state, solver.multipliers = state, guess
+    return solver.stable() if require == "stable" else solver.any()

@@ -1,0 +1,296 @@
+"""Stability: smallest eigenvalues and modes of the constrained second variation.
+
+The eigenvalues :math:`\\mu` are those of
+
+.. math:: H v + J^T \\nu = \\mu M v, \\qquad J v = 0, \\qquad G v = 0,
+
+with the Hessian H of the Lagrangian, the Jacobian J of the constraints, the generators G of neutral
+motions and the diagonal metric M of the structure. When M holds quadrature weights, the eigenvalues
+are those of the second variation per unit length (or area), and converge as the mesh is refined.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import FactorizationError, InvalidInput, NotConverged
+from .factorization import Factorization, KKTMatrix
+
+__all__ = ["Spectrum", "lowest_mode", "nearest_eigenvalue", "smallest_eigenvalue"]
+
+Array = NDArray[np.float64]
+
+
+class Spectrum(NamedTuple):
+    """The lowest eigenvalues of a second variation.
+
+    Attributes
+    ----------
+    values : ndarray, shape (count,)
+        Eigenvalues, in ascending order.
+    modes : ndarray, shape (count, n)
+        Modes, orthonormal in the metric; the entry of largest size is positive.
+    floor : float
+        Round-off error of the lowest eigenvalue. A value that does not exceed it in size has no sign.
+    """
+
+    values: Array
+    modes: Array
+    floor: float
+
+
+def _start_vector(n: int, seed: int = 0) -> Array:
+    # Fixed, so that results repeat; irregular, so that no symmetry makes it blind to a mode.
+    return np.random.default_rng(20 + seed).standard_normal(n)
+
+
+def nearest_eigenvalue(
+    kkt: KKTMatrix, factor: Factorization, metric: Array, noise: float
+) -> tuple[float, float]:
+    """Return a bound of the size of the eigenvalue nearest to zero, and its round-off floor.
+
+    Three inverse iterations: the bound is sharp when the eigenvalue is far below the others, which
+    is when it matters, and never smaller than the eigenvalue itself.
+
+    Returns
+    -------
+    size, floor : float
+    """
+    v = _start_vector(kkt.n)
+    v /= math.sqrt(float(v @ (metric * v)))
+    norm, mult = math.inf, np.zeros(kkt.m)
+    for _ in range(3):
+        w, mult = factor.solve(metric * v)
+        norm = math.sqrt(float(w @ (metric * w)))
+        if norm == 0.0:
+            return math.inf, 0.0  # the constraints leave no motion
+        v, mult = w / norm, mult / norm
+    force, _ = kkt.magnitude(v, mult)
+    return 1.0 / norm, noise * float(np.abs(v) @ force)
+
+
+def _lanczos(
+    factor: Factorization, metric: Array, count: int, known: Array, seed: int, tolerance: float
+) -> tuple[Array, Array]:
+    """Return the largest Ritz values of the inverse on the complement of `known`, and vectors."""
+    n = factor.n
+    limit = min(n, 300)
+
+    def clean(v: Array, basis: Array) -> Array:
+        for _ in range(2):  # twice is enough (Kahan)
+            v = v - known.T @ (known @ (metric * v))
+            v = v - basis.T @ (basis @ (metric * v))
+        return v
+
+    basis = np.zeros((0, n))
+    v, _ = factor.solve(metric * _start_vector(n, seed))  # into the admissible motions
+    v = clean(v, basis)
+    norm = math.sqrt(float(v @ (metric * v)))
+    alpha: list[float] = []
+    beta: list[float] = []
+    values, vectors = np.zeros(0), np.zeros((0, n))
+    if norm == 0.0:
+        return values, vectors
+    first = norm
+    v /= norm
+    while len(basis) < limit:
+        basis = np.vstack([basis, v])
+        w, _ = factor.solve(metric * v)
+        alpha.append(float(v @ (metric * w)))
+        w = clean(w, basis)
+        norm = math.sqrt(float(w @ (metric * w)))
+        exhausted = norm <= 1e-13 * max(abs(alpha[0]), first, *map(abs, alpha))
+        size = len(basis)
+        if exhausted or size == limit or size % 4 == 0:
+            ritz, u = np.linalg.eigh(
+                np.diag(alpha) + np.diag(beta, 1) + np.diag(beta, -1) if beta else np.diag(alpha)
+            )
+            take = min(count, size)
+            ritz, u = ritz[::-1][:take], u[:, ::-1][:, :take]
+            settled = np.all(np.abs(norm * u[-1]) <= tolerance * np.abs(ritz))
+            if exhausted or (size >= min(take + 2, limit) and settled and take == count):
+                return ritz, u.T @ basis
+        beta.append(norm)
+        v = w / norm
+    if limit < n:
+        raise NotConverged(
+            f"the Lanczos iteration did not resolve {count} eigenvalues with {limit} vectors; ask "
+            "for fewer"
+        )
+    return ritz, u.T @ basis
+
+
+def _lowest(
+    kkt: KKTMatrix, factor: Factorization, shift: float, metric: Array, count: int, tolerance: float
+) -> tuple[Array, Array]:
+    """Return the lowest eigenvalues and modes, given factors at a shift that makes all positive."""
+    n = kkt.n
+    zero = np.zeros(kkt.m)
+    modes = np.zeros((0, n))
+    inverse, modes = _lanczos(factor, metric, count, modes, 0, tolerance)
+    return _rayleigh(kkt, metric, modes, zero)
+
+
+def _rayleigh(kkt: KKTMatrix, metric: Array, modes: Array, zero: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues of the second variation on the span of `modes`, ascending."""
+    images = np.array([kkt.apply(v, zero)[0] for v in modes]).reshape(modes.shape)
+    small = modes @ images.T
+    values, turn = np.linalg.eigh(0.5 * (small + small.T))
+    modes = turn.T @ modes
+    modes /= np.sqrt(np.sum(modes * metric * modes, axis=1))[:, None]
+    for v in modes:
+        if v[np.argmax(np.abs(v))] < 0:
+            v *= -1.0
+    return values, modes
+
+
+def lowest_mode(
+    kkt: KKTMatrix, factor: Factorization, shift: float, metric: Array
+) -> tuple[float, Array]:
+    """Return the lowest eigenvalue and its mode, roughly, given factors with right inertia."""
+    values, modes = _lowest(kkt, factor, shift, metric, 1, 1e-3)
+    return float(values[0]), modes[0]
+
+
+def _positive_shift(kkt: KKTMatrix, gauge: Array, metric: Array) -> tuple[Factorization, float]:
+    """Return factors with a shift that makes every eigenvalue positive; zero if they are."""
+    try:
+        factor = kkt.factorize(0.0, gauge, metric)
+        if factor.is_minimum:
+            return factor, 0.0
+    except FactorizationError:
+        pass
+    stiffness = kkt.magnitude(np.ones(kkt.n), np.zeros(kkt.m))[0] / metric
+    scale = float(np.median(stiffness))
+    scale = scale if scale > 0 else 1.0
+    shift = 1e-7 * scale
+    while shift < 1e10 * scale:
+        try:
+            factor = kkt.factorize(shift, gauge, metric)
+            if factor.is_minimum:
+                return factor, shift
+        except FactorizationError:
+            pass
+        shift *= 4.0
+    raise FactorizationError(
+        "no shift makes the second variation positive: the constraints are redundant, or a Hessian "
+        "entry is not finite"
+    )
+
+
+def smallest_eigenvalue(
+    structure: Any,
+    state: Any = None,
+    multipliers: ArrayLike | None = None,
+    *,
+    count: int = 1,
+    tolerance: float = 1e-9,
+) -> Spectrum:
+    """Return the lowest eigenvalues and modes of the constrained second variation.
+
+    Shift-and-invert Lanczos iteration on the KKT factorization; the count of eigenvalues below the
+    result is verified by the inertia at a shift, so that none is missed, not even a multiple one.
+
+    Parameters
+    ----------
+    structure : Equilibrium or Structure
+        An equilibrium, or a structure (then with `state` and `multipliers`).
+    state : state, optional
+        Where to evaluate a structure.
+    multipliers : array_like, shape (m,), optional
+        The multipliers there; needed when the structure has constraints.
+    count : int
+        How many eigenvalues.
+    tolerance : float
+        Relative error of the modes in the Lanczos iteration; eigenvalues are exact to its square.
+
+    Returns
+    -------
+    Spectrum
+        ``values`` (count,), ``modes`` (count, n), and the round-off ``floor``. Eigenvalues are in
+        units of energy over the unit of ``structure.metric``.
+
+    Raises
+    ------
+    InvalidInput
+        If fewer motions than `count` are admissible, or an argument is missing.
+    NotConverged
+        If the inertia does not confirm the eigenvalues.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> spring = ls.DenseStructure(
+    ...     initial=[1.0, 0.0],
+    ...     energy=lambda x: x[0] ** 2 + 3 * x[1] ** 2,
+    ...     gradient=lambda x: np.array([2 * x[0], 6 * x[1]]),
+    ...     hessian=lambda x: np.diag([2.0, 6.0]),
+    ... )
+    >>> ls.smallest_eigenvalue(ls.equilibrate(spring), count=2).values
+    array([2., 6.])
+    """
+    from .equilibrium import Equilibrium
+
+    factor: Factorization | None = None
+    shift = 0.0
+    if isinstance(structure, Equilibrium):
+        equilibrium = structure
+        structure, state = equilibrium.structure, equilibrium.state
+        kkt, metric, gauge = equilibrium.evaluation.kkt, equilibrium.metric, equilibrium.gauge
+        if equilibrium.stable:
+            factor = equilibrium.factorization
+    else:
+        if state is None:
+            raise InvalidInput("argument `state` is missing; pass the state, or an Equilibrium")
+        m = structure.constraints_count
+        if multipliers is None and m:
+            raise InvalidInput(
+                f"argument `multipliers` is missing; the {m} constraints are curved, and their "
+                "multipliers are part of the second variation"
+            )
+        mult = np.zeros(0) if multipliers is None else np.asarray(multipliers, dtype=float)
+        kkt = structure.evaluate(state, mult, 2).kkt
+        metric = np.asarray(structure.metric(state), dtype=float)
+        gauge = np.asarray(structure.gauge(state), dtype=float).reshape(-1, structure.size)
+    assert kkt is not None
+    free = kkt.n - kkt.m - len(gauge)
+    if not 1 <= count <= free:
+        raise InvalidInput(
+            f"argument `count` is {count}; there are {free} admissible motions: it must lie in "
+            f"[1, {free}]"
+        )
+    if factor is None or not factor.is_minimum:
+        factor, shift = _positive_shift(kkt, gauge, metric)
+    zero = np.zeros(kkt.m)
+    modes = np.zeros((0, kkt.n))
+    for seed in range(count + 8):
+        _, new = _lanczos(factor, metric, count, modes, seed, tolerance)
+        values, modes = _rayleigh(kkt, metric, np.vstack([modes, new]), zero)
+        values, modes = values[:count], modes[:count]
+        if len(values) < count:
+            continue
+        # Residual and rounding of the last value bound how far below it one has to look.
+        _, mult = factor.solve(metric * modes[-1])
+        inverse = 1.0 / (values[-1] + shift)
+        force, _ = kkt.magnitude(modes[-1], mult / inverse)
+        floor = float(structure.noise(state)) * float(np.abs(modes[-1]) @ force)
+        margin = 1e-6 * max(abs(values[-1]), abs(values[0]), 1e-3 * abs(values[-1] + shift))
+        margin = max(margin, 4 * floor)
+        below = values[-1] - margin
+        try:
+            index = kkt.factorize(-below, gauge, metric).index
+        except FactorizationError:
+            index = kkt.factorize(-(below - margin), gauge, metric).index
+        if index == np.count_nonzero(values < below):
+            force, _ = kkt.magnitude(modes[0], mult / inverse)
+            floor = float(structure.noise(state)) * float(np.abs(modes[0]) @ force)
+            return Spectrum(values, modes, floor)
+    raise NotConverged(
+        f"the inertia finds eigenvalues below the {count} smallest of the Lanczos iteration "
+        f"({values}); they are too near to each other, or below the round-off floor"
+    )
