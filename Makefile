@@ -17,6 +17,7 @@ BUILD  ?= _build
 # Nothing of the caller's own Python may leak in. MPLBACKEND=Agg would even silence every figure.
 unexport PYTHONPATH PYTHONHOME PYTHONSTARTUP MPLBACKEND
 export PYTHONNOUSERSITE := 1
+export PYTHONUTF8 := 1
 
 # Scripts in bin/ carry the absolute path of their interpreter, which breaks on long paths and on
 # paths with spaces: `python -m` does not. The environment itself is no target either: a name with

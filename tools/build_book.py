@@ -8,6 +8,7 @@ then turn a failure green. The result is BUILD/html/index.html.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import shutil
 import sys
@@ -38,11 +39,22 @@ def prepare(build: Path) -> None:
     for name, folder in settings.items():
         folder.mkdir(parents=True, exist_ok=True)
         os.environ[name] = str(folder)
-    os.environ["JUPYTER_PREFER_ENV_PATH"] = "1"  # the kernel is this environment's own Python
     os.environ["JUPYTER_NO_CONFIG"] = "1"
     os.environ["PYDEVD_DISABLE_FILE_VALIDATION"] = "1"  # else the kernel warns on stderr
-    for name in ("MPLBACKEND", "JUPYTER_PATH", "PYTHONSTARTUP"):
+    for name in ("MPLBACKEND", "PYTHONSTARTUP"):
         os.environ.pop(name, None)  # MPLBACKEND=Agg would turn every figure off
+    os.environ["JUPYTER_PATH"] = str(own_kernel(private / "kernel"))
+
+
+def own_kernel(folder: Path) -> Path:
+    """Describe the kernel `python3` as this very interpreter, whatever else the account offers."""
+    target = folder / "kernels" / "python3" / "kernel.json"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
+    command += ["--log-level=ERROR"]  # else each kernel warns that it talks over a local socket
+    kernel = {"argv": command, "display_name": "Python 3", "language": "python"}
+    target.write_text(json.dumps(kernel | {"metadata": {"debugger": False}}), encoding="utf-8")
+    return folder
 
 
 def warm_fonts() -> None:

@@ -227,7 +227,7 @@ def _visit(browser, page: Page, theme: str, shot: Path | None) -> None:
         said: list[str] = []
         asked: list[str] = []
         missing: list[str] = []
-        tab.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
+        tab.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
         tab.on("pageerror", lambda e: said.append(str(e)))
         tab.on("request", lambda r: asked.append(r.url) if not r.url.startswith(OWN) else None)
         tab.on("requestfailed", lambda r: missing.append(r.url) if "file:" in r.url else None)
@@ -247,11 +247,11 @@ def _visit(browser, page: Page, theme: str, shot: Path | None) -> None:
         if not page.name.startswith(("_modules/", "search", "genindex", "py-modindex")):
             if seen["headings"] != 1:
                 page.blame("headings of the first level", str(seen["headings"]))
-            if theme == "light":
-                _check_figures(tab, page)
         if shot:
             shot.parent.mkdir(parents=True, exist_ok=True)
             tab.screenshot(path=f"{shot}.{theme}.png", full_page=True)
+        if theme == "light":
+            _check_figures(tab, page)
         if theme == "light":
             tab.set_viewport_size(PHONE)
             tab.wait_for_timeout(400)

@@ -14,9 +14,10 @@ from mpmath import cos, cosh, mp, mpf, nstr, sin, sinh, sqrt
 from lissome import literature
 
 DATA = Path(__file__).resolve().parents[1] / "data"
-ARGUMENTS = (
-    "0 0.1 0.5 1 2 5 10 20 30 50 75 100 150 200 300 500 1000 2000 5000 10000"  # as first published
-).split()
+ARGUMENTS = [
+    *("0", "0.1", "0.5", "1", "2", "5", "10", "20", "30", "50", "75", "100"),
+    *("150", "200", "300", "500", "1000", "2000", "5000", "10000"),
+]
 
 
 def audoly_neukirch_phi(v: mpf) -> mpf:

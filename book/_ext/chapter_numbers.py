@@ -51,15 +51,15 @@ def renumber(env):
 
 
 def setup(app):
-    original = TocTreeCollector.assign_section_numbers
+    original = TocTreeCollector.assign_figure_numbers
+    if not getattr(original, "by_chapter", False):
 
-    def assign_section_numbers(self, env):
-        before = dict(env.toc_secnumbers)
-        changed = set(original(self, env))
-        renumber(env)
-        numbers = env.toc_secnumbers
-        return sorted(changed | {d for d in numbers if numbers[d] != before.get(d)})
+        def assign_figure_numbers(self, env):
+            # Sections have just got their numbers, in ways that Jupyter Book's extensions replace
+            # several times over; figures and equations get theirs now, from those of the sections.
+            renumber(env)
+            return original(self, env)
 
-    # figures and equations are numbered right after this call, from what it leaves behind
-    TocTreeCollector.assign_section_numbers = assign_section_numbers
+        assign_figure_numbers.by_chapter = True
+        TocTreeCollector.assign_figure_numbers = assign_figure_numbers
     return {"parallel_read_safe": True, "parallel_write_safe": True}
