@@ -36,7 +36,14 @@ _EXPORTS: dict[str, str] = {
 }
 
 # Public modules and packages.
-_SUBMODULES: tuple[str, ...] = ("equilibrium", "errors", "factorization", "stability", "structure")
+_SUBMODULES: tuple[str, ...] = (
+    "equilibrium",
+    "errors",
+    "factorization",
+    "literature",
+    "stability",
+    "structure",
+)
 
 __all__ = ["__version__", *_EXPORTS, *_SUBMODULES]
 
