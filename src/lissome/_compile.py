@@ -170,7 +170,9 @@ class _CodeDigest(Digest):
         elif isinstance(kind, types.FunctionType):
             self.put("function type")
             self.type(kind.signature.return_type)
-            self.type(types.Tuple(kind.signature.args))
+            for argument in kind.signature.args:
+                self.type(argument)
+            self.put("end")
         elif isinstance(kind, types.NumberClass):
             self.put("number class", str(kind))
         elif isinstance(kind, types.Array):
@@ -440,7 +442,9 @@ class _FunctionStore(_Cache):
         digest = _CodeDigest()
         digest.add((self._store.stamp(), repr(codegen.magic_tuple())))
         digest.add(self._dispatcher)
-        digest.type(types.Tuple(tuple(args)))
+        digest.put("arguments", str(len(args)))
+        for kind in args:
+            digest.type(kind)
         if return_type is not None:
             digest.type(return_type)
         return digest.hexdigest()
