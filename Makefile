@@ -1,7 +1,7 @@
 # Needs python3 (3.11 or newer, with venv) and make; the rest is installed into $(VENV).
 #
 #   make book         build the book, strictly and offline     -> $(BUILD)/html/index.html
-#   make test         the test suite
+#   make test         the test suite; pass pytest more with ARGS="-x -k clamp"
 #   make lint         ruff and mypy
 #   make bench        benchmarks -> benchmarks/results.json
 #   make check-pages  look at every built page in a real browser, network cut
@@ -34,7 +34,7 @@ book: env
 	$(RUN) tools/build_book.py "$(BUILD)"
 
 test: env
-	$(RUN) -m pytest
+	$(RUN) -m pytest $(ARGS)
 
 lint: env
 	$(RUN) -m ruff check .

@@ -24,9 +24,12 @@ from urllib.parse import unquote, urlsplit
 
 PAGE_LIMIT = 8e6  # bytes of HTML
 BOOK_LIMIT = 60e6  # bytes of everything
+PATIENCE = 10  # half seconds until a figure must have been drawn
 PHONE = {"width": 390, "height": 844}
 DESK = {"width": 1280, "height": 900}
 OWN = ("file:", "data:", "blob:", "about:")
+#: Pages that Sphinx makes of its own accord.
+LISTINGS = ("_modules/", "genindex", "py-modindex", "search")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = [
     "--no-sandbox",
@@ -210,7 +213,7 @@ def _check_figures(tab, page: Page) -> None:
         if not figure.is_visible():
             continue
         name = figure.get_attribute("id")
-        for _ in range(10):
+        for _ in range(PATIENCE):
             count = colors_in(figure.screenshot())
             if count > 20:
                 break
@@ -244,9 +247,8 @@ def _visit(browser, page: Page, theme: str, shot: Path | None) -> None:
         page.blame("broken pictures", seen["broken"])
         page.blame("no alternative text", seen["mute"])
         page.blame("errors shown", seen["faults"])
-        if not page.name.startswith(("_modules/", "search", "genindex", "py-modindex")):
-            if seen["headings"] != 1:
-                page.blame("headings of the first level", str(seen["headings"]))
+        if seen["headings"] != 1 and not page.name.startswith(LISTINGS):
+            page.blame("headings of the first level", str(seen["headings"]))
         if shot:
             shot.parent.mkdir(parents=True, exist_ok=True)
             tab.screenshot(path=f"{shot}.{theme}.png", full_page=True)
@@ -280,7 +282,7 @@ def look(pages: list[Page], executable: str, shots: Path | None = None) -> Itera
         browser = play.chromium.launch(executable_path=executable, args=FLAGS)
         for page in pages:
             began = time.monotonic()
-            listing = page.name.startswith(("_modules/", "genindex", "py-modindex", "search"))
+            listing = page.name.startswith(LISTINGS)
             shot = shots / page.name.removesuffix(".html") if shots and not listing else None
             try:
                 for theme in ("light",) if listing else ("light", "dark"):

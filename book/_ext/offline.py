@@ -24,7 +24,7 @@ PLOTLY_MARK = "plotly-graph-div"
 def _package(name):
     spec = importlib.util.find_spec(name)
     if spec is None:
-        raise RuntimeError(f"package {name!r} is not installed: `make book` installs what is needed")
+        raise RuntimeError(f"package {name!r} is missing: `make env` installs it")
     return Path(spec.origin).parent
 
 
@@ -35,7 +35,7 @@ def _executed(app, pagename):
 def _without_live_kernels(app):
     """Silence sphinx-thebe, which Jupyter Book always loads: it declares its constants twice."""
     for name, listeners in app.events.listeners.items():
-        kept = [entry for entry in listeners if not entry.handler.__module__ == "sphinx_thebe"]
+        kept = [entry for entry in listeners if entry.handler.__module__ != "sphinx_thebe"]
         app.events.listeners[name] = kept
 
 

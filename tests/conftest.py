@@ -1,0 +1,23 @@
+"""Fixtures and paths that the tests of the repository share."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def root():
+    """Folder of the repository."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def tools():
+    """Make the scripts in tools/ importable; return their folder."""
+    folder = ROOT / "tools"
+    sys.path.insert(0, str(folder))
+    yield folder
+    sys.path.remove(str(folder))
