@@ -578,7 +578,7 @@ def strip_history(
 
     Examples
     --------
-    >>> history = strip_history(10.0, 0.8, 0.95, until=0.3, modes=20)
+    >>> history = strip_history(10.0, 0.8, 0.95, until=1.2, modes=16)
     >>> len(history.snaps)
     1
     """
