@@ -14,7 +14,10 @@ factorizations are of the form :math:`P K P^T = L D L^T`, whose D has the inerti
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +25,14 @@ from scipy.linalg import lapack
 
 from .errors import FactorizationError, InvalidInput
 
-__all__ = ["DenseKKT", "Factorization", "KKTMatrix"]
+__all__ = [
+    "ChainKKT",
+    "ChainLayout",
+    "DenseKKT",
+    "Factorization",
+    "KKTMatrix",
+    "TridiagonalKKT",
+]
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
@@ -47,6 +57,7 @@ class Factorization(ABC):
     g: int
     inertia: tuple[int, int, int]
     relative_smallest_pivot: float
+    _norm: float
 
     @property
     def index(self) -> int:
@@ -129,6 +140,14 @@ class Factorization(ABC):
                 break
         if not np.all(np.isfinite(z)):
             raise FactorizationError("the solution of the KKT system is not finite")
+        bound = np.max(np.abs(rhs), axis=0, initial=0.0)
+        bound = bound + self._norm * np.max(np.abs(z), axis=0, initial=0.0)
+        if np.any(size > 1e-7 * bound):
+            raise FactorizationError(
+                "the KKT system was solved to "
+                f"{float(np.max(size / np.maximum(bound, 1e-300))):.2g} only: the matrix is too "
+                "ill-conditioned; scale the unknowns and constraints, or use a coarser mesh"
+            )
         dx, dm = z[: self.n], z[self.n : self.n + self.m]
         return (dx[:, 0], dm[:, 0]) if single else (dx, dm)
 
@@ -224,6 +243,7 @@ class _DenseFactorization(Factorization):
     def __init__(self, matrix: Array, n: int, m: int, g: int) -> None:
         self.n, self.m, self.g = n, m, g
         self._matrix = matrix
+        self._norm = float(np.max(np.abs(matrix), initial=0.0))
         size = n + m + g
         scale = np.ones(size)
         for _ in range(3):  # Ruiz: rows and columns of similar size, so that a pivot can be judged
@@ -294,7 +314,8 @@ class DenseKKT(KKTMatrix):
         if j.ndim != 2 or j.shape[1] != self.n:
             raise InvalidInput(f"argument `jacobian` has shape {j.shape}; it must be (m, {self.n})")
         self.m = j.shape[0]
-        skew = np.max(np.abs(h - h.T), initial=0.0)
+        with np.errstate(invalid="ignore"):  # NaN and infinity are refused by `factorize`
+            skew = np.max(np.abs(h - h.T), initial=0.0)
         if skew > 1e-8 * np.max(np.abs(h), initial=0.0):
             raise InvalidInput(
                 f"argument `hessian` is not symmetric: entries differ by up to {skew:.3g}; check "
@@ -347,3 +368,340 @@ class DenseKKT(KKTMatrix):
         if not np.all(np.isfinite(full)):
             raise FactorizationError("the KKT matrix holds NaN or infinity")
         return _DenseFactorization(full, self.n, self.m, full.shape[0] - self.n - self.m)
+
+
+@dataclass(frozen=True, eq=False)
+class ChainLayout:
+    """Where unknowns and constraints sit in a chain with a border.
+
+    Parameters
+    ----------
+    length : int
+        Number N of columns of the band.
+    unknowns : array_like of int, shape (n,), optional
+        Position of each unknown: 0 to N - 1 in the band, N and up in the border. By default the
+        unknowns are the columns of the band, in order.
+    constraints : array_like of int, shape (m,), optional
+        Position of each constraint; by default the rest, in order.
+    border : int, optional
+        Number of border rows.
+
+    Raises
+    ------
+    InvalidInput
+        If the positions are not each of 0 to N + border - 1 once.
+    """
+
+    length: int
+    unknowns: NDArray[np.int64] | None = None
+    constraints: NDArray[np.int64] | None = None
+    border: int = 0
+
+    def __post_init__(self) -> None:
+        total = int(self.length) + int(self.border)
+        if self.length < 1 or self.border < 0:
+            raise InvalidInput(
+                f"argument `length` is {self.length} and `border` is {self.border}; they must be at "
+                "least 1 and 0"
+            )
+        unknowns = np.arange(self.length) if self.unknowns is None else np.array(self.unknowns)
+        if self.constraints is None:
+            rest = np.ones(total, dtype=bool)
+            rest[unknowns[(unknowns >= 0) & (unknowns < total)]] = False
+            constraints = np.flatnonzero(rest)
+        else:
+            constraints = np.array(self.constraints)
+        both = np.concatenate([unknowns.ravel(), constraints.ravel()]).astype(np.int64)
+        if both.size != total or not np.array_equal(np.sort(both), np.arange(total)):
+            raise InvalidInput(
+                "arguments `unknowns` and `constraints` must hold each of the positions 0 to "
+                f"{total - 1} once"
+            )
+        object.__setattr__(self, "unknowns", unknowns.astype(np.int64))
+        object.__setattr__(self, "constraints", constraints.astype(np.int64))
+
+
+class _ChainFactorization(Factorization):
+    def __init__(
+        self, band: Array, border: Array, corner: Array, positions: NDArray[np.int64], counts: Any
+    ) -> None:
+        from . import _chain
+
+        self.n, self.m, self.g = counts
+        self._original = (band, border, corner)
+        self._positions = positions  # of unknowns, constraints and gauge rows
+        length, nb = border.shape
+        self._nb = nb
+        self._norm = float(max(np.max(np.abs(band)), np.max(np.abs(border), initial=0.0)))
+        if not math.isfinite(self._norm) or not np.all(np.isfinite(corner)):
+            raise FactorizationError("the KKT matrix holds NaN or infinity")
+        self._scale = np.empty(length + nb)
+        _chain.scale_chain(band, border, corner, nb, 2, self._scale)
+        status, slots, threshold = 1, 8, 0.05
+        while True:
+            work = np.empty_like(band)
+            edge = np.empty((length, nb + slots))
+            small = np.empty((nb + slots, nb + slots))
+            _chain.scaled_copy(band, border, corner, nb, self._scale, work, edge, small)
+            pivots = np.empty((length, 3))
+            events = np.empty((2 * length, 3), dtype=np.int64)
+            links = np.empty((length, 2), dtype=np.int64)
+            inverse = np.empty((nb + slots, nb + slots))
+            occupant = np.empty(slots, dtype=np.int64)
+            status, count, positive, negative, zero, smallest, largest, growth = (
+                _chain.factorize_chain(
+                    work, edge, small, nb, slots, threshold, 64 * EPS, pivots, events, links,
+                    inverse, occupant,
+                )
+            )  # fmt: skip
+            if status == 1:  # many columns wait for a good pivot: give them room
+                slots = min(4 * slots, length + 1)
+            elif growth > 1e8 and threshold < 0.5:
+                threshold = 0.5
+            else:
+                break
+        if not growth <= 1e8:
+            raise FactorizationError(
+                f"the factors of the chain grow by {growth:.2g}; the result would be inaccurate: "
+                "scale the unknowns and constraints"
+            )
+        self._factors = (work, edge, nb, pivots, events, count, links, inverse)
+        self.inertia = (positive, negative, zero)
+        self.relative_smallest_pivot = smallest / largest if largest > 0 else 0.0
+
+    def _solve(self, rhs: Array) -> Array:
+        from . import _chain
+
+        z = np.empty((rhs.shape[1], rhs.shape[0]))
+        z[:, self._positions] = rhs.T
+        z *= self._scale
+        _chain.solve_chain(*self._factors, z)
+        z *= self._scale
+        return z[:, self._positions].T
+
+    def _apply(self, z: Array) -> Array:
+        from . import _chain
+
+        x = np.empty((z.shape[1], z.shape[0]))
+        x[:, self._positions] = z.T
+        out = np.empty_like(x)
+        _chain.apply_chain(*self._original, self._nb, x, out)
+        return out[:, self._positions].T
+
+
+class ChainKKT(KKTMatrix):
+    """A KKT matrix that is a band with a border: a chain of blocks under a few global constraints.
+
+    Unknowns and local constraints are interleaved along the chain, so that the band is narrow;
+    constraints that couple all of it, and unknowns that close a ring, are rows of the border. The
+    cost of a factorization is linear in the length. Columns that make no good pivot are delayed, so
+    that neither the order of unknowns and multipliers nor singular leading blocks matter.
+
+    Parameters
+    ----------
+    band : ndarray, shape (N, w + 1)
+        ``band[j, k]`` is the entry in row j + k, column j. Entries past the end are ignored.
+    border : ndarray, shape (b, N), optional
+        The rows of the border.
+    corner : ndarray, shape (b, b), optional
+        Entries among border rows; zero by default. Symmetric.
+    layout : ChainLayout, optional
+        Where unknowns and constraints sit; by default the band holds the unknowns and the border
+        the constraints.
+
+    Raises
+    ------
+    InvalidInput
+        If shapes do not fit.
+
+    Examples
+    --------
+    Three unit springs in a row, whose total extension is prescribed:
+
+    >>> import numpy as np
+    >>> from lissome.factorization import ChainKKT
+    >>> kkt = ChainKKT(np.array([[1.0], [1.0], [1.0]]), border=np.ones((1, 3)))
+    >>> factor = kkt.factorize()
+    >>> factor.inertia
+    (3, 1, 0)
+    >>> print(factor.solve(np.zeros(3), [3.0])[0])
+    [1. 1. 1.]
+    """
+
+    def __init__(
+        self,
+        band: Array,
+        border: Array | None = None,
+        corner: Array | None = None,
+        *,
+        layout: ChainLayout | None = None,
+    ) -> None:
+        band = np.ascontiguousarray(band, dtype=float)
+        if band.ndim != 2 or band.shape[0] < 1 or band.shape[1] < 1:
+            raise InvalidInput(f"argument `band` has shape {band.shape}; it must be (N, w + 1)")
+        length = band.shape[0]
+        rows = np.zeros((0, length)) if border is None else np.asarray(border, dtype=float)
+        if rows.ndim != 2 or rows.shape[1] != length:
+            raise InvalidInput(
+                f"argument `border` has shape {rows.shape}; it must be (b, {length})"
+            )
+        nb = rows.shape[0]
+        square = np.zeros((nb, nb)) if corner is None else np.ascontiguousarray(corner, dtype=float)
+        if square.shape != (nb, nb):
+            raise InvalidInput(
+                f"argument `corner` has shape {square.shape}; it must be ({nb}, {nb})"
+            )
+        self.layout = ChainLayout(length, border=nb) if layout is None else layout
+        if self.layout.length != length or self.layout.border != nb:
+            raise InvalidInput(
+                f"argument `layout` is for {self.layout.length} columns and {self.layout.border} "
+                f"border rows; the matrix has {length} and {nb}"
+            )
+        assert self.layout.unknowns is not None and self.layout.constraints is not None
+        self._unknowns, self._constraints = self.layout.unknowns, self.layout.constraints
+        self.n, self.m = self._unknowns.size, self._constraints.size
+        self.band = band
+        self.border = np.ascontiguousarray(rows.T)
+        self.corner = square
+
+    @classmethod
+    def from_blocks(
+        cls,
+        diagonal: Array,
+        lower: Array,
+        border: Array | None = None,
+        corner: Array | None = None,
+        *,
+        half_bandwidth: int | None = None,
+        layout: ChainLayout | None = None,
+    ) -> ChainKKT:
+        """Make the matrix from blocks.
+
+        Parameters
+        ----------
+        diagonal : ndarray, shape (K, b, b)
+            Diagonal blocks (the lower triangles are used).
+        lower : ndarray, shape (K, q, b, b)
+            ``lower[i, p]`` couples rows of block i + p + 1 to columns of block i.
+        border, corner, layout
+            As for the class.
+        half_bandwidth : int, optional
+            The largest distance of a nonzero entry from the diagonal, if it is known to be less
+            than (q + 1) b - 1.
+        """
+        from . import _chain
+
+        diagonal = np.ascontiguousarray(diagonal, dtype=float)
+        if diagonal.ndim != 3 or diagonal.shape[1] != diagonal.shape[2]:
+            raise InvalidInput(
+                f"argument `diagonal` has shape {diagonal.shape}; it must be (K, b, b)"
+            )
+        count, b, _ = diagonal.shape
+        lower = np.ascontiguousarray(lower, dtype=float)
+        if lower.ndim != 4 or lower.shape[0] != count or lower.shape[2:] != (b, b):
+            raise InvalidInput(
+                f"argument `lower` has shape {lower.shape}; it must be ({count}, q, {b}, {b})"
+            )
+        w = (lower.shape[1] + 1) * b - 1 if half_bandwidth is None else int(half_bandwidth)
+        band = np.empty((count * b, w + 1))
+        outside = _chain.blocks_to_band(diagonal, lower, w, band)
+        if outside:
+            raise InvalidInput(
+                f"argument `half_bandwidth` is {w}, but an entry of size {outside:.3g} lies outside"
+            )
+        return cls(band, border, corner, layout=layout)
+
+    def _full(self, dx: Array, dmultipliers: Array) -> Array:
+        x = np.empty((1, self.n + self.m))
+        x[0, self._unknowns] = dx
+        x[0, self._constraints] = dmultipliers
+        return x
+
+    def apply(self, dx: Array, dmultipliers: Array) -> tuple[Array, Array]:
+        """Return ``H dx + J^T dmultipliers`` and ``J dx``."""
+        from . import _chain
+
+        x = self._full(dx, dmultipliers)
+        out = np.empty_like(x)
+        _chain.apply_chain(self.band, self.border, self.corner, self.border.shape[1], x, out)
+        return out[0, self._unknowns], out[0, self._constraints]
+
+    def magnitude(self, dx: Array, dmultipliers: Array) -> tuple[Array, Array]:
+        """Return the sizes of the terms that `apply` sums."""
+        from . import _chain
+
+        x = np.abs(self._full(dx, dmultipliers))
+        out = np.empty_like(x)
+        band, border, corner = np.abs(self.band), np.abs(self.border), np.abs(self.corner)
+        _chain.apply_chain(band, border, corner, border.shape[1], x, out)
+        return out[0, self._unknowns], out[0, self._constraints]
+
+    def factorize(
+        self,
+        shift: float = 0.0,
+        gauge: Array | None = None,
+        metric: Array | None = None,
+        relaxation: float = 0.0,
+    ) -> Factorization:
+        """Factor the matrix; see :meth:`KKTMatrix.factorize`."""
+        length, nb = self.border.shape
+        rows = _gauge_rows(gauge, self.n)
+        g = rows.shape[0]
+        band, border, corner = self.band, self.border, self.corner
+        positions = np.concatenate(
+            [self._unknowns, self._constraints, np.arange(length + nb, length + nb + g)]
+        )
+        if g:
+            border = np.zeros((length, nb + g))
+            border[:, :nb] = self.border
+            corner = np.zeros((nb + g, nb + g))
+            corner[:nb, :nb] = self.corner
+            scattered = np.zeros((g, length + nb))
+            scattered[:, self._unknowns] = rows
+            border[:, nb:] = scattered[:, :length].T
+            corner[nb:, :nb] = scattered[:, length:]
+            corner[:nb, nb:] = scattered[:, length:].T
+        if shift or relaxation:
+            diagonal = np.zeros(length + nb)
+            if shift:
+                diagonal[self._unknowns] = shift * _mass(metric, self.n)
+            diagonal[self._constraints] = -relaxation
+            band = band.copy()
+            band[:, 0] += diagonal[:length]
+            corner = corner.copy()
+            corner[np.arange(nb), np.arange(nb)] += diagonal[length:]
+        return _ChainFactorization(band, border, corner, positions, (self.n, self.m, g))
+
+
+class TridiagonalKKT(ChainKKT):
+    """The KKT matrix of a chain of scalar unknowns under a few global constraints.
+
+    Parameters
+    ----------
+    diagonal : ndarray, shape (n,)
+        Diagonal of the Hessian of the Lagrangian.
+    off_diagonal : ndarray, shape (n - 1,)
+        Its entries beside the diagonal.
+    rows : ndarray, shape (m, n), optional
+        The Jacobian of the constraints.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.factorization import TridiagonalKKT
+    >>> TridiagonalKKT(np.full(4, 2.0), np.full(3, -1.0)).factorize().inertia
+    (4, 0, 0)
+    """
+
+    def __init__(self, diagonal: Array, off_diagonal: Array, rows: Array | None = None) -> None:
+        diagonal = np.asarray(diagonal, dtype=float)
+        off_diagonal = np.asarray(off_diagonal, dtype=float)
+        if diagonal.ndim != 1 or off_diagonal.shape != (diagonal.size - 1,):
+            raise InvalidInput(
+                f"arguments `diagonal` and `off_diagonal` have shapes {diagonal.shape} and "
+                f"{off_diagonal.shape}; they must be (n,) and (n - 1,)"
+            )
+        band = np.zeros((diagonal.size, 2))
+        band[:, 0] = diagonal
+        band[:-1, 1] = off_diagonal
+        super().__init__(band, rows)

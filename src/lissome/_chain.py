@@ -1,0 +1,583 @@
+r"""Compiled symmetric factorization of a band with a dense border, and its inertia.
+
+A chain of small blocks is a band matrix; closure constraints, neutral motions and the unknowns that
+close a ring make a border of a few dense rows:
+
+.. math:: K = \begin{pmatrix} A & B^T \\ B & C \end{pmatrix} = P L D L^T P^T .
+
+Columns of the band are eliminated one after the other. A column is taken as a 1 x 1 pivot if it
+passes the threshold test of Duff and Reid. If it does not (zero diagonal of a multiplier, singular
+leading block) it is *delayed*: it joins the border, and leaves it again as soon as it makes an
+acceptable pivot, alone or with a later column. What is left at the end is factored densely with
+complete pivoting. All multipliers in L stay below 1/threshold in size, so that the factorization is
+backward stable for any regular K, whatever its leading blocks.
+
+Storage: ``band[j, k]`` is the entry (j + k, j), k = 0 ... w, padded with zeros at the end;
+``border[j, r]`` is the entry of border row r in column j. Arrays are C-contiguous float64.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lissome._compile import jit
+
+#: Kinds of events in the record of an elimination.
+_ONE, _DELAY, _SLOT, _PAIR = 1, 2, 3, 4
+
+
+@jit
+def scale_chain(band, border, corner, nb, passes, scale):
+    """Write factors (powers of two) that make all rows of similar size (Ruiz' iteration)."""
+    n, width = band.shape
+    w = width - 1
+    scale[:] = 1.0
+    largest = np.empty(n + nb)
+    for _ in range(passes):
+        largest[:] = 0.0
+        for j in range(n):
+            sj = scale[j]
+            big = abs(band[j, 0]) * sj
+            top = min(w, n - 1 - j)
+            for k in range(1, top + 1):
+                v = abs(band[j, k])
+                big = max(big, v * scale[j + k])
+                largest[j + k] = max(largest[j + k], v * sj)
+            for r in range(nb):
+                v = abs(border[j, r])
+                big = max(big, v * scale[n + r])
+                largest[n + r] = max(largest[n + r], v * sj)
+            largest[j] = max(largest[j], big)
+        for r in range(nb):
+            for s in range(nb):
+                largest[n + r] = max(largest[n + r], abs(corner[r, s]) * scale[n + s])
+        for j in range(n + nb):
+            if largest[j] > 0.0:
+                scale[j] /= math.sqrt(largest[j] * scale[j])
+    for j in range(n + nb):
+        scale[j] = 2.0 ** round(math.log2(scale[j]))
+
+
+@jit
+def scaled_copy(band, border, corner, nb, scale, band_out, border_out, corner_out):
+    """Write the scaled matrix to work arrays; the columns of the slots are set to zero."""
+    n, width = band.shape
+    border_out[:] = 0.0
+    corner_out[:] = 0.0
+    for j in range(n):
+        sj = scale[j]
+        top = min(width, n - j)
+        for k in range(top):
+            band_out[j, k] = band[j, k] * (sj * scale[j + k])
+        for k in range(top, width):
+            band_out[j, k] = 0.0
+        for r in range(nb):
+            border_out[j, r] = border[j, r] * (sj * scale[n + r])
+    for r in range(nb):
+        for s in range(nb):
+            corner_out[r, s] = corner[r, s] * (scale[n + r] * scale[n + s])
+
+
+@jit
+def apply_chain(band, border, corner, nb, x, out):
+    """Write the matrix times ``x`` (k, n + nb) to ``out``."""
+    n, width = band.shape
+    w = width - 1
+    for c in range(x.shape[0]):
+        for j in range(n + nb):
+            out[c, j] = 0.0
+        for j in range(n):
+            xj = x[c, j]
+            total = band[j, 0] * xj
+            top = min(w, n - 1 - j)
+            for k in range(1, top + 1):
+                total += band[j, k] * x[c, j + k]
+                out[c, j + k] += band[j, k] * xj
+            for r in range(nb):
+                total += border[j, r] * x[c, n + r]
+                out[c, n + r] += border[j, r] * xj
+            out[c, j] += total
+        for r in range(nb):
+            for s in range(nb):
+                out[c, n + r] += corner[r, s] * x[c, n + s]
+
+
+@jit
+def factorize_chain(
+    band, border, corner, nb, slots, threshold, floor, pivots, events, links, inverse, occupant
+):
+    """Factor in place; ``border`` is (n, nb + slots), ``corner`` (nb + slots, nb + slots).
+
+    Parameters
+    ----------
+    band, border, corner : ndarray
+        Overwritten by the factors. Columns and rows of the slots must be zero.
+    nb, slots : int
+        Number of border rows, and of places for delayed columns.
+    threshold : float
+        Smallest ratio of a pivot to its column, at most 1/2.
+    floor : float
+        Pivots up to this size, relative to the terms that are summed in them, are zero.
+    pivots : ndarray (n + nb + slots, 3)
+        Overwritten: entries of the inverse pivots.
+    events : ndarray (2 n, 3) of int64
+        Overwritten: kind, column, slot.
+    links : ndarray (n, 2) of int64
+        Overwritten: for each column the last row of the band that was gone when it was eliminated,
+        and its partner in a 2 x 2 pivot (or -1).
+    inverse : ndarray (nb + slots, nb + slots)
+        Overwritten by the generalized inverse of the last corner.
+    occupant : ndarray (slots,) of int64
+        Overwritten: column in each slot at the end, or -1.
+
+    Returns
+    -------
+    status : int
+        0, or 1 if the slots did not suffice.
+    count : int
+        Number of events.
+    positive, negative, zero : int
+        Inertia.
+    smallest, largest : float
+        Extreme sizes of pivots.
+    growth : float
+        Largest pivot or pivot column met.
+    """
+    n, width = band.shape
+    w = width - 1
+    occupant[:] = -1
+    top = nb  # border rows in use are below this
+    used = 0
+    # Sizes of what is summed in the diagonal entries of the corner.
+    weight = np.zeros(nb + slots)
+    for r in range(nb):
+        weight[r] = abs(corner[r, r])
+    count = 0
+    positive = 0
+    negative = 0
+    zero = 0
+    smallest = np.inf
+    largest = 0.0
+    growth = 0.0
+    for j in range(n):
+        reach = min(w, n - 1 - j)
+        a = band[j, 0]
+        big = 0.0
+        for k in range(1, reach + 1):
+            big = max(big, abs(band[j, k]))
+        for r in range(top):
+            big = max(big, abs(border[j, r]))
+        growth = max(growth, big, abs(a))
+        done = False
+        if abs(a) >= threshold * big and abs(a) > floor:
+            done = True
+            d = 1.0 / a
+            for k in range(1, reach + 1):
+                factor = band[j, k] * d
+                if factor != 0.0:
+                    for q in range(reach - k + 1):
+                        band[j + k, q] -= factor * band[j, k + q]
+                    for r in range(top):
+                        border[j + k, r] -= factor * border[j, r]
+            for r in range(top):
+                factor = border[j, r] * d
+                if factor != 0.0:
+                    for s in range(r + 1):
+                        corner[r, s] -= factor * border[j, s]
+                    weight[r] += abs(factor * border[j, r])
+            for k in range(1, reach + 1):
+                band[j, k] *= d
+            for r in range(top):
+                border[j, r] *= d
+            pivots[j, 0] = d
+            links[j, 0] = j
+            links[j, 1] = -1
+            events[count, 0] = _ONE
+            events[count, 1] = j
+            events[count, 2] = top
+            count += 1
+            if a > 0.0:
+                positive += 1
+            else:
+                negative += 1
+            smallest = min(smallest, abs(a))
+            largest = max(largest, abs(a))
+        elif used > 0:
+            # The best partner among the delayed columns.
+            best = -1
+            quality = 0.0
+            for s in range(nb, top):
+                if occupant[s - nb] < 0:
+                    continue
+                b = border[j, s]
+                c = corner[s, s]
+                det = a * c - b * b
+                if abs(det) <= floor * max(abs(b), abs(a), abs(c)):
+                    continue
+                big_s = 0.0
+                for k in range(1, reach + 1):
+                    big_s = max(big_s, abs(border[j + k, s]))
+                for r in range(top):
+                    if r < s:
+                        big_s = max(big_s, abs(corner[s, r]))
+                    elif r > s:
+                        big_s = max(big_s, abs(corner[r, s]))
+                big_j = 0.0
+                for k in range(1, reach + 1):
+                    big_j = max(big_j, abs(band[j, k]))
+                for r in range(top):
+                    if r != s:
+                        big_j = max(big_j, abs(border[j, r]))
+                size = max(abs(a) * big_s + abs(b) * big_j, abs(b) * big_s + abs(c) * big_j)
+                value = abs(det) / max(size, 1e-300)
+                if value >= threshold and value > quality:
+                    quality = value
+                    best = s
+            if best >= 0:
+                done = True
+                s = best
+                i = occupant[s - nb]
+                b = border[j, s]
+                c = corner[s, s]
+                det = a * c - b * b
+                # Inverse of the pivot [[c, b], [b, a]] of columns (i, j).
+                pii = a / det
+                pij = -b / det
+                pjj = c / det
+                # The delayed column moves from its slot back to its place in the band.
+                for k in range(1, w + 1):
+                    band[i, k] = 0.0
+                for k in range(1, reach + 1):
+                    band[i, k] = border[j + k, s]
+                    border[j + k, s] = 0.0
+                for r in range(top):
+                    if r < s:
+                        border[i, r] = corner[s, r]
+                        corner[s, r] = 0.0
+                    elif r > s:
+                        border[i, r] = corner[r, s]
+                        corner[r, s] = 0.0
+                border[i, s] = 0.0
+                corner[s, s] = 0.0
+                border[j, s] = 0.0
+                for k in range(1, reach + 1):
+                    fi = pii * band[i, k] + pij * band[j, k]
+                    fj = pij * band[i, k] + pjj * band[j, k]
+                    if fi != 0.0 or fj != 0.0:
+                        for q in range(reach - k + 1):
+                            band[j + k, q] -= fi * band[i, k + q] + fj * band[j, k + q]
+                        for r in range(top):
+                            border[j + k, r] -= fi * border[i, r] + fj * border[j, r]
+                for r in range(top):
+                    fi = pii * border[i, r] + pij * border[j, r]
+                    fj = pij * border[i, r] + pjj * border[j, r]
+                    if fi != 0.0 or fj != 0.0:
+                        for t in range(r + 1):
+                            corner[r, t] -= fi * border[i, t] + fj * border[j, t]
+                        weight[r] += abs(fi * border[i, r]) + abs(fj * border[j, r])
+                for k in range(1, reach + 1):
+                    u = band[i, k]
+                    v = band[j, k]
+                    band[i, k] = pii * u + pij * v
+                    band[j, k] = pij * u + pjj * v
+                for r in range(top):
+                    u = border[i, r]
+                    v = border[j, r]
+                    border[i, r] = pii * u + pij * v
+                    border[j, r] = pij * u + pjj * v
+                pivots[i, 0] = pii
+                pivots[i, 1] = pij
+                pivots[i, 2] = pjj
+                links[i, 0] = j
+                links[i, 1] = j
+                links[j, 0] = j
+                links[j, 1] = i
+                events[count, 0] = _PAIR
+                events[count, 1] = j
+                events[count, 2] = s
+                count += 1
+                occupant[s - nb] = -1
+                used -= 1
+                middle = 0.5 * (a + c)
+                radius = math.sqrt(0.25 * (a - c) ** 2 + b * b)
+                outer = max(abs(middle + radius), abs(middle - radius))
+                smallest = min(smallest, abs(det) / outer)
+                largest = max(largest, outer)
+                if det < 0.0:
+                    positive += 1
+                    negative += 1
+                elif a + c > 0.0:
+                    positive += 2
+                else:
+                    negative += 2
+        if not done:
+            s = -1
+            for t in range(slots):
+                if occupant[t] < 0:
+                    s = nb + t
+                    break
+            if s < 0:
+                return 1, count, positive, negative, zero, smallest, largest, growth
+            occupant[s - nb] = j
+            used += 1
+            top = max(top, s + 1)
+            corner[s, s] = a
+            weight[s] = max(1.0, abs(a))  # rows of the scaled matrix are of size 1
+            for r in range(top):
+                if r < s:
+                    corner[s, r] = border[j, r]
+                elif r > s:
+                    corner[r, s] = border[j, r]
+                border[j, r] = 0.0
+            for k in range(1, reach + 1):
+                border[j + k, s] = band[j, k]
+            events[count, 0] = _DELAY
+            events[count, 1] = j
+            events[count, 2] = s
+            count += 1
+        # Delayed columns that have become good pivots.
+        if used > 0:
+            again = True
+            while again:
+                again = False
+                for s in range(nb, top):
+                    i = occupant[s - nb]
+                    if i < 0 or i == j:
+                        continue
+                    c = corner[s, s]
+                    if abs(c) <= floor:
+                        continue
+                    big = 0.0
+                    for k in range(1, reach + 1):
+                        big = max(big, abs(border[j + k, s]))
+                    for r in range(top):
+                        if r < s:
+                            big = max(big, abs(corner[s, r]))
+                        elif r > s:
+                            big = max(big, abs(corner[r, s]))
+                    if abs(c) < threshold * big:
+                        continue
+                    growth = max(growth, big, abs(c))
+                    d = 1.0 / c
+                    for k in range(1, w + 1):
+                        band[i, k] = 0.0
+                    for k in range(1, reach + 1):
+                        band[i, k] = border[j + k, s]
+                        border[j + k, s] = 0.0
+                    for r in range(top):
+                        if r < s:
+                            border[i, r] = corner[s, r]
+                            corner[s, r] = 0.0
+                        elif r > s:
+                            border[i, r] = corner[r, s]
+                            corner[r, s] = 0.0
+                    border[i, s] = 0.0
+                    corner[s, s] = 0.0
+                    for k in range(1, reach + 1):
+                        factor = band[i, k] * d
+                        if factor != 0.0:
+                            for q in range(reach - k + 1):
+                                band[j + k, q] -= factor * band[i, k + q]
+                            for r in range(top):
+                                border[j + k, r] -= factor * border[i, r]
+                    for r in range(top):
+                        factor = border[i, r] * d
+                        if factor != 0.0:
+                            for t in range(r + 1):
+                                corner[r, t] -= factor * border[i, t]
+                            weight[r] += abs(factor * border[i, r])
+                    for k in range(1, reach + 1):
+                        band[i, k] *= d
+                    for r in range(top):
+                        border[i, r] *= d
+                    pivots[i, 0] = d
+                    links[i, 0] = j
+                    links[i, 1] = -1
+                    events[count, 0] = _SLOT
+                    events[count, 1] = i
+                    events[count, 2] = s
+                    count += 1
+                    occupant[s - nb] = -1
+                    used -= 1
+                    if c > 0.0:
+                        positive += 1
+                    else:
+                        negative += 1
+                    smallest = min(smallest, abs(c))
+                    largest = max(largest, abs(c))
+                    again = used > 0
+            while top > nb and occupant[top - 1 - nb] < 0:
+                top -= 1
+    # What is left is small and dense: border rows and columns still delayed.
+    size = 0
+    rows = np.empty(top, dtype=np.int64)
+    for r in range(top):
+        if r < nb or occupant[r - nb] >= 0:
+            rows[size] = r
+            size += 1
+    small = np.empty((size, size))
+    for r in range(size):
+        for s in range(r + 1):
+            small[r, s] = corner[rows[r], rows[s]]
+            small[s, r] = small[r, s]
+    inverse[:] = 0.0
+    if size > 0:
+        # A congruence that makes the rows of similar size; it leaves the inertia as it is.
+        turn = np.ones(size)
+        for _ in range(3):
+            for r in range(size):
+                big = 0.0
+                for s in range(size):
+                    big = max(big, abs(small[r, s]) * turn[s])
+                if big > 0.0:
+                    turn[r] = 1.0 / math.sqrt(big / turn[r])
+        for r in range(size):
+            for s in range(size):
+                small[r, s] *= turn[r] * turn[s]
+        values, vectors = np.linalg.eigh(small)
+        for r in range(size):
+            v = values[r]
+            # Rounding errors of the sums that made this eigenvalue, relative to floor.
+            noise = 0.0
+            for p in range(size):
+                noise += (vectors[p, r] * turn[p]) ** 2 * weight[rows[p]]
+            noise = max(noise, abs(values[size - 1]), abs(values[0]))
+            smallest = min(smallest, abs(v) / noise if noise > 0.0 else 0.0)
+            largest = max(largest, 1.0)
+            if abs(v) <= floor * noise:
+                zero += 1
+                continue
+            if v > 0.0:
+                positive += 1
+            else:
+                negative += 1
+            for p in range(size):
+                for q in range(size):
+                    inverse[rows[p], rows[q]] += (
+                        vectors[p, r] * turn[p] * (vectors[q, r] * turn[q] / v)
+                    )
+    return 0, count, positive, negative, zero, smallest, largest, growth
+
+
+@jit
+def solve_chain(band, border, nb, pivots, events, count, links, inverse, z):
+    """Overwrite ``z`` (k, n + nb) by the solutions, with the factors of `factorize_chain`."""
+    n, width = band.shape
+    w = width - 1
+    total = border.shape[1]
+    y = np.empty(total)
+    x = np.empty(total)
+    for c in range(z.shape[0]):
+        for r in range(nb):
+            y[r] = z[c, n + r]
+        for r in range(nb, total):
+            y[r] = 0.0
+        top = nb
+        for e in range(count):
+            kind = events[e, 0]
+            j = events[e, 1]
+            s = events[e, 2]
+            if kind == _ONE:
+                v = z[c, j]
+                for k in range(1, min(w, n - 1 - j) + 1):
+                    z[c, j + k] -= band[j, k] * v
+                for r in range(s):
+                    y[r] -= border[j, r] * v
+            elif kind == _DELAY:
+                y[s] = z[c, j]
+            elif kind == _SLOT:
+                v = y[s]
+                z[c, j] = v
+                y[s] = 0.0
+                base = links[j, 0]
+                for k in range(1, min(w, n - 1 - base) + 1):
+                    z[c, base + k] -= band[j, k] * v
+                for r in range(total):
+                    y[r] -= border[j, r] * v
+            else:
+                i = links[j, 1]
+                u = y[s]
+                v = z[c, j]
+                z[c, i] = u
+                y[s] = 0.0
+                for k in range(1, min(w, n - 1 - j) + 1):
+                    z[c, j + k] -= band[i, k] * u + band[j, k] * v
+                for r in range(total):
+                    y[r] -= border[i, r] * u + border[j, r] * v
+        for r in range(total):
+            x[r] = 0.0
+            for s in range(total):
+                x[r] += inverse[r, s] * y[s]
+        for e in range(count - 1, -1, -1):
+            kind = events[e, 0]
+            j = events[e, 1]
+            s = events[e, 2]
+            if kind == _ONE:
+                v = z[c, j] * pivots[j, 0]
+                for k in range(1, min(w, n - 1 - j) + 1):
+                    v -= band[j, k] * z[c, j + k]
+                for r in range(s):
+                    v -= border[j, r] * x[r]
+                z[c, j] = v
+            elif kind == _DELAY:
+                z[c, j] = x[s]
+                x[s] = 0.0
+            elif kind == _SLOT:
+                v = z[c, j] * pivots[j, 0]
+                base = links[j, 0]
+                for k in range(1, min(w, n - 1 - base) + 1):
+                    v -= band[j, k] * z[c, base + k]
+                for r in range(total):
+                    v -= border[j, r] * x[r]
+                z[c, j] = v
+                x[s] = v
+            else:
+                i = links[j, 1]
+                u = pivots[i, 0] * z[c, i] + pivots[i, 1] * z[c, j]
+                v = pivots[i, 1] * z[c, i] + pivots[i, 2] * z[c, j]
+                for k in range(1, min(w, n - 1 - j) + 1):
+                    u -= band[i, k] * z[c, j + k]
+                    v -= band[j, k] * z[c, j + k]
+                for r in range(total):
+                    u -= border[i, r] * x[r]
+                    v -= border[j, r] * x[r]
+                z[c, i] = u
+                z[c, j] = v
+                x[s] = u
+        for r in range(nb):
+            z[c, n + r] = x[r]
+
+
+@jit
+def blocks_to_band(diagonal, lower, w, band):
+    """Write a block chain to band storage.
+
+    ``diagonal`` is (K, b, b); ``lower[i, q]``, (K, reach, b, b), is the block in rows of block
+    i + q + 1 and columns of block i. Entries outside half bandwidth ``w`` must be zero; the largest
+    of them is returned, so that the caller can check.
+    """
+    count, b, _ = diagonal.shape
+    reach = lower.shape[1]
+    outside = 0.0
+    for i in range(count):
+        for c in range(b):
+            j = i * b + c
+            for k in range(w + 1):
+                band[j, k] = 0.0
+            for r in range(c, b):
+                if r - c <= w:
+                    band[j, r - c] = diagonal[i, r, c]
+                else:
+                    outside = max(outside, abs(diagonal[i, r, c]))
+            for q in range(reach):
+                if i + q + 1 >= count:
+                    break
+                for r in range(b):
+                    k = (q + 1) * b + r - c
+                    if k <= w:
+                        band[j, k] = lower[i, q, r, c]
+                    else:
+                        outside = max(outside, abs(lower[i, q, r, c]))
+    return outside
