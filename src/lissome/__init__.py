@@ -22,6 +22,7 @@ _EXPORTS: dict[str, str] = {
     "Structure": "structure",
     "equilibrate": "equilibrium",
     "smallest_eigenvalue": "stability",
+    "sweep": "sweeps",
     "LissomeError": "errors",
     "InvalidInput": "errors",
     "NotConverged": "errors",
@@ -40,9 +41,12 @@ _SUBMODULES: tuple[str, ...] = (
     "equilibrium",
     "errors",
     "factorization",
+    "judges",
     "literature",
+    "scoreboard",
     "stability",
     "structure",
+    "sweeps",
 )
 
 __all__ = ["__version__", *_EXPORTS, *_SUBMODULES]

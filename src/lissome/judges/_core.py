@@ -1,0 +1,351 @@
+"""What a judge is made of: the facts that it needs, and the checks that decide.
+
+A judge is a pure function from recorded facts to checks. Pages record facts only; nothing that a
+page says can change a verdict except the numbers themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import literature
+from .._datapackage import nearest
+from .._digits import rounded
+from .._validate import finite, finite_array
+from ..errors import InvalidInput
+
+if TYPE_CHECKING:
+    from ..scoreboard import Claim
+
+__all__ = [
+    "Check",
+    "Facts",
+    "Judge",
+    "Need",
+    "Outcome",
+    "agrees_with_measurement",
+    "all_above",
+    "all_below",
+    "decreasing",
+    "flag",
+    "flags",
+    "for_every_reading",
+    "holds",
+    "increasing",
+    "judge",
+    "number",
+    "numbers",
+    "optional",
+    "order_of",
+    "within",
+    "within_percent",
+]
+
+
+class Outcome(Enum):
+    """What a check says."""
+
+    HOLDS = "holds"
+    FAILS = "fails"
+    UNDETERMINED = "undetermined"  # true for some readings of the text and false for others
+    AWAITS = "awaits"  # the measured data are not there
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check: its outcome and a sentence that says it."""
+
+    outcome: Outcome
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Need:
+    """A fact that a judge needs.
+
+    Attributes
+    ----------
+    kind : {'number', 'numbers', 'flag', 'flags'}
+        What is recorded: a finite number, a list of them, true or false, a list of those.
+    meaning : str
+        What it is, with its unit.
+    required : bool
+        Whether it may be left out.
+    """
+
+    kind: str
+    meaning: str
+    required: bool = True
+
+
+def number(meaning: str) -> Need:
+    """Need a finite number."""
+    return Need("number", meaning)
+
+
+def numbers(meaning: str) -> Need:
+    """Need a list of finite numbers."""
+    return Need("numbers", meaning)
+
+
+def flag(meaning: str) -> Need:
+    """Need true or false."""
+    return Need("flag", meaning)
+
+
+def flags(meaning: str) -> Need:
+    """Need a list of true or false."""
+    return Need("flags", meaning)
+
+
+def optional(need: Need) -> Need:
+    """Accept a fact that only adds to the sentence."""
+    return Need(need.kind, need.meaning, required=False)
+
+
+Fact = float | bool | npt.NDArray[Any]
+
+
+class Facts(Mapping[str, Any]):
+    """Checked facts, with the uncertainty of the headline number (NaN where there is none)."""
+
+    def __init__(self, facts: Mapping[str, Any], uncertainty: float) -> None:
+        self._facts = MappingProxyType(dict(facts))
+        self.uncertainty = uncertainty
+
+    def __getitem__(self, name: str) -> Any:
+        return self._facts[name]
+
+    def __iter__(self) -> Any:
+        return iter(self._facts)
+
+    def __len__(self) -> int:
+        return len(self._facts)
+
+
+Decision = Callable[["Claim", Facts], Sequence[Check]]
+
+
+@dataclass(frozen=True)
+class Judge:
+    """The test of one claim.
+
+    Attributes
+    ----------
+    id : str
+        The claim.
+    needs : mapping of str to Need
+        The facts that a page has to record. ``value`` is the headline number.
+    decide : callable
+        From claim and facts to checks; all must hold.
+    """
+
+    id: str
+    needs: Mapping[str, Need]
+    decide: Decision
+
+    @property
+    def has_value(self) -> bool:
+        """Whether the claim has a headline number, which then needs an uncertainty."""
+        return "value" in self.needs
+
+    def checked(self, argument: str, facts: object, uncertainty: float | None) -> Facts:
+        """Return the facts in canonical types, or raise :class:`InvalidInput`."""
+        if not isinstance(facts, Mapping):
+            if set(self._required()) - {"value"} or not self.has_value:
+                raise InvalidInput(
+                    f"argument `{argument}` is {facts!r}; the judge of '{self.id}' needs a mapping "
+                    f"of facts:\n{self.describe()}"
+                )
+            facts = {"value": facts}
+        missing = [name for name in self._required() if name not in facts]
+        if missing:
+            raise InvalidInput(
+                f"argument `{argument}` lacks {', '.join(map(repr, missing))}; the judge of "
+                f"'{self.id}' needs\n{self.describe()}"
+            )
+        for name in facts:
+            if name not in self.needs:
+                raise InvalidInput(
+                    f"argument `{argument}` has {name!r}, which the judge of '{self.id}' does not "
+                    f"know; {nearest(name, self.needs)}"
+                )
+        clean = {
+            name: _clean(f"{argument}[{name!r}]", self.needs[name].kind, fact)
+            for name, fact in facts.items()
+        }
+        return Facts(clean, float("nan") if uncertainty is None else uncertainty)
+
+    def describe(self) -> str:
+        """Return what has to be recorded, one fact a line."""
+        return "\n".join(
+            f"  {name} ({need.kind}{'' if need.required else ', may be left out'}): {need.meaning}"
+            for name, need in self.needs.items()
+        )
+
+    def _required(self) -> list[str]:
+        return [name for name, need in self.needs.items() if need.required]
+
+
+def judge(id: str, /, **needs: Need) -> Callable[[Decision], Judge]:
+    """Make a function the judge of a claim."""
+    return lambda decide: Judge(id, MappingProxyType(needs), decide)
+
+
+def _clean(argument: str, kind: str, fact: object) -> Fact:
+    if kind == "number":
+        return finite(argument, fact)
+    if kind == "flag":
+        if not isinstance(fact, (bool, np.bool_)):
+            raise InvalidInput(f"argument `{argument}` is {fact!r}; pass True or False")
+        return bool(fact)
+    if kind == "numbers":
+        values = finite_array(argument, fact, (None,))
+    else:
+        raw = np.asarray(fact)
+        if raw.ndim != 1 or raw.dtype != bool:
+            raise InvalidInput(f"argument `{argument}` is {fact!r}; pass a list of True and False")
+        values = raw.copy()
+    if len(values) == 0:
+        raise InvalidInput(f"argument `{argument}` is empty; nothing can be judged by nothing")
+    values.setflags(write=False)
+    return values
+
+
+def same_length(facts: Facts, *names: str) -> None:
+    """Refuse lists that do not belong together."""
+    lengths = {name: len(facts[name]) for name in names}
+    if len(set(lengths.values())) > 1:
+        raise InvalidInput(
+            "the facts "
+            + ", ".join(f"'{name}' ({length})" for name, length in lengths.items())
+            + " have different lengths; give one entry for each case"
+        )
+
+
+# ------------------------------------------------------------------------------------- checks
+
+
+def holds(condition: bool, sentence: str) -> Check:
+    """Check a condition."""
+    return Check(Outcome.HOLDS if condition else Outcome.FAILS, sentence)
+
+
+def _short(value: float) -> str:
+    return f"{value:.2g}"
+
+
+def within(
+    name: str, value: float, target: float, tolerance: float, unit: str = "", spread: float = 0.0
+) -> Check:
+    """Check that a number lies within an absolute tolerance of another."""
+    space = f" {unit}" if unit and unit != "1" else ""
+    shown = rounded(value, spread or tolerance / 100)
+    distance = abs(value - target)
+    return holds(
+        distance <= tolerance,
+        f"{name} is {shown}{space}, {_short(distance)}{space} from {target:g} "
+        f"(at most {tolerance:g} allowed)",
+    )
+
+
+def within_percent(
+    name: str, value: float, target: float, percent: float, spread: float = 0.0
+) -> Check:
+    """Check that a number lies within some per cent of another."""
+    distance = 100 * abs(value / target - 1)
+    shown = rounded(value, spread or abs(target) * percent / 1e4)
+    return holds(
+        distance <= percent,
+        f"{name} is {shown}, {_short(distance)} % from {target:g} (at most {percent:g} % allowed)",
+    )
+
+
+def all_below(name: str, values: Any, limit: float, unit: str = "") -> Check:
+    """Check that the largest magnitude does not exceed a limit."""
+    largest = float(np.max(np.abs(values)))
+    space = f" {unit}" if unit else ""
+    return holds(
+        largest <= limit, f"{name} is at most {_short(largest)}{space} (limit {limit:g}{space})"
+    )
+
+
+def all_above(name: str, values: Any, limit: float, unit: str = "") -> Check:
+    """Check that the smallest value exceeds a limit."""
+    smallest = float(np.min(values))
+    space = f" {unit}" if unit else ""
+    return holds(
+        smallest > limit, f"{name} is at least {_short(smallest)}{space} (must exceed {limit:g})"
+    )
+
+
+def increasing(name: str, values: Any) -> Check:
+    """Check that a list strictly increases."""
+    return holds(bool(np.all(np.diff(values) > 0)), f"{name} increases strictly: {_listed(values)}")
+
+
+def decreasing(name: str, values: Any) -> Check:
+    """Check that a list strictly decreases."""
+    return holds(bool(np.all(np.diff(values) < 0)), f"{name} decreases strictly: {_listed(values)}")
+
+
+def _listed(values: Any) -> str:
+    texts = [f"{value:.4g}" for value in np.asarray(values, dtype=float)]
+    return ", ".join(texts if len(texts) <= 8 else [*texts[:3], "...", *texts[-3:]])
+
+
+def for_every_reading(name: str, readings: Any, outcomes: Any) -> Check:
+    """Check a statement for every value that a number left out by the text may have.
+
+    True for all readings: it holds. For none: it fails. For some: the text does not determine it.
+    """
+    true = np.asarray(outcomes, dtype=bool)
+    values = np.asarray(readings, dtype=float)
+    if true.all():
+        return Check(Outcome.HOLDS, f"{name} for every one of {_listed(values)}")
+    if not true.any():
+        return Check(Outcome.FAILS, f"{name} for none of {_listed(values)}")
+    return Check(
+        Outcome.UNDETERMINED,
+        f"{name} for {_listed(values[true])}, but not for {_listed(values[~true])}",
+    )
+
+
+def order_of(name: str, sizes: Any, errors: Any, least: float) -> Check:
+    """Check that errors vanish with a size at least at a given order, to the nearest tenth.
+
+    The order is the slope between the two smallest sizes in the log-log plane.
+    """
+    first, second = np.argsort(sizes)[:2]
+    if (
+        sizes[first] <= 0
+        or sizes[first] == sizes[second]
+        or min(errors[first], errors[second]) <= 0
+    ):
+        raise InvalidInput(
+            f"an order of {name} needs two positive sizes and errors; got sizes {_listed(sizes)} "
+            f"and errors {_listed(errors)}"
+        )
+    order = float(np.log(errors[second] / errors[first]) / np.log(sizes[second] / sizes[first]))
+    return holds(
+        order >= least - 0.05, f"{name} vanishes at order {order:.2f} (at least {least:g} expected)"
+    )
+
+
+def agrees_with_measurement(slot: str, facts: Facts, name: str, limit: float) -> Check:
+    """Check the deviation from measured points, or say that they are awaited.
+
+    The fact `name` (optional in the judge) becomes compulsory when the slot is filled.
+    """
+    if not literature.is_available(slot):
+        return Check(Outcome.AWAITS, f"the measured points ('{slot}') are awaited")
+    if name not in facts:
+        raise InvalidInput(f"the data '{slot}' are there: record '{name}', the deviation from them")
+    return all_below("the deviation from the measured points", facts[name], limit)

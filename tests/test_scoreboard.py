@@ -1,0 +1,508 @@
+"""Numbers in print, judges, records and the board."""
+
+import csv
+import io
+import json
+import math
+import re
+import subprocess
+import sys
+from decimal import Decimal
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from lissome import literature, scoreboard
+from lissome._digits import rounded, with_uncertainty
+from lissome.errors import DataError, InvalidInput
+from lissome.judges import JUDGES, Outcome
+from lissome.judges._core import for_every_reading, order_of
+from lissome.scoreboard import Verdict
+
+BEST = {"value": 65.13, "spread": 0.2}
+
+
+@pytest.fixture(autouse=True)
+def by_hand(monkeypatch):
+    """Tests run as a reader at the keyboard, unless they say otherwise."""
+    monkeypatch.delenv("LISSOME_SCOREBOARD", raising=False)
+    monkeypatch.delenv("LISSOME_PAGE", raising=False)
+
+
+@pytest.fixture
+def building(tmp_path, monkeypatch):
+    """As during a build of the book."""
+    folder = tmp_path / "scoreboard"
+    monkeypatch.setenv("LISSOME_SCOREBOARD", str(folder))
+    monkeypatch.setenv("LISSOME_PAGE", "3-photomechanical-beams")
+    return folder
+
+
+class TestDigits:
+    @pytest.mark.parametrize(
+        ("value", "uncertainty", "text"),
+        [
+            (65.1312, 0.04, "65.13(4)"),
+            (65.1312, 0.014, "65.131(14)"),
+            (65.1312, 0.096, "65.13(10)"),
+            (-0.99812, 0.002, "-0.998(2)"),
+            (2.0417e-4, 1.3e-6, "2.042(13)e-4"),
+            (1119.28, 30, "1.12(3)e3"),
+            (7, 0.5, "7.0(5)"),
+            (0.0003, 0.02, "0.00(2)"),
+            (-0.0003, 0.02, "0.00(2)"),
+            (0.5, 0, "0.5"),
+            (100, 0, "100"),
+            (1e-7, 0, "1e-7"),
+            (1 / 3, 1e-30, "0.33333333333333330(4)"),
+        ],
+    )
+    def test_examples(self, value, uncertainty, text):
+        assert with_uncertainty(value, uncertainty) == text
+
+    def test_styles(self):
+        assert with_uncertainty(2.04e-4, 3e-6, "unicode") == "2.04(3) × 10⁻⁴"
+        assert with_uncertainty(2.04e-4, 3e-6, "latex") == r"2.04(3) \times 10^{-4}"
+        with pytest.raises(InvalidInput, match="`style`"):
+            with_uncertainty(1, 1, "html")
+
+    @given(
+        st.floats(min_value=-1e12, max_value=1e12),
+        st.floats(min_value=1e-12, max_value=1e12),
+    )
+    def test_what_is_shown_is_right_and_ends_where_the_uncertainty_begins(self, value, spread):
+        spread = max(spread, abs(value) * 1e-15)
+        shown = Decimal(rounded(value, spread))
+        unit = Decimal(1).scaleb(shown.as_tuple().exponent)
+        assert abs(shown - Decimal(repr(value))) <= unit / 2
+        # one digit of the uncertainty is kept, two if it begins with 1
+        assert unit <= Decimal(spread) * Decimal("1.06")
+        assert unit * Decimal("9.51") >= Decimal(spread) or unit * 20 >= Decimal(spread)
+        with_it = with_uncertainty(value, spread)
+        assert Decimal(re.sub(r"\(.*\)", "", with_it)) == shown
+
+    @given(st.floats(allow_nan=False, allow_infinity=False))
+    def test_exact_numbers_are_shown_in_full(self, value):
+        assert float(rounded(value, 0)) == value
+
+    @pytest.mark.parametrize("bad", [math.nan, math.inf, "1", None, True])
+    def test_bad_numbers_are_refused(self, bad):
+        with pytest.raises(InvalidInput, match="`value`"):
+            rounded(bad, 1)
+        with pytest.raises(InvalidInput, match="`uncertainty`"):
+            rounded(1, bad)
+        with pytest.raises(InvalidInput, match="`uncertainty`"):
+            rounded(1, -1)
+
+
+def ring(deviation):
+    intensities = np.array([0.01, 0.1, 1.0, 10.0])
+    return {"intensities": intensities, "deviations": deviation(intensities)}
+
+
+# A case that each judge accepts, and changes of it with the outcome that they must have.
+WINDOW = {
+    "intensities": [3, 5, 10],
+    "lower": [60, 50, 40],
+    "upper": [70, 75, 80],
+    "resolution": 0.1,
+    "frequencies": [0.1, 0.2, 0.3],
+    "angle": 65,
+}
+SPEED = {
+    "value": 1e-12,
+    "angles": np.linspace(0.1, 1, 10),
+    "speeds": np.linspace(0.1, 1, 10) / 6,
+    "mirrored_speeds": -np.linspace(0.1, 1, 10) / 6,
+    "increasing_to": 1.0,
+    "slope": 0.16,
+    "breakdown": 1.2,
+}
+CYCLE = {
+    "value": 2.5,
+    "return_distance": 1e-8,
+    "crest_drift": [0.2, 0.2],
+    "snaps_per_period": 2,
+    "side_difference": 1e-9,
+}
+CENTRED = {
+    "widths": [0.1, 0.2],
+    "curvature_before_light": [-3.0, -3.0],
+    "curvature_before_snap": [0.4, 0.1],
+    "snaps_down": [True, True],
+}
+OFF = {
+    "widths": [0.1, 0.2],
+    "crest_drift": [0.1, 0.1],
+    "crest_monotone": [True, True],
+    "snaps_down": [True, True],
+    "change_after": [0.001, 0.001],
+}
+PORTRAIT = {
+    "widths": [0.1, 0.2],
+    "critical_centred": [3.0, 4.0],
+    "slopes": [-1.0, -2.0],
+    "no_snap_at_large_offset": [True, True],
+}
+EXPONENT = {
+    "value": -1.0,
+    "light": [2, 20, 40, 80, 160],
+    "slopes": [-1.5, -1.01, -1.005, -1.002, -1.001],
+    "products": [5.0, 4.2, 4.1, 4.05, 4.025],
+}
+FACES = {
+    "angles": [60, 65],
+    "planar": [0.3, 0.4],
+    "homeotropic": [0.2, 0.3],
+    "planar_window": [40, 80],
+    "homeotropic_window": [50, 75],
+}
+REVERSE = {"crest_drift": [-0.2, -0.2], "orbit_difference": 0.1, "period_difference": 0.01}
+ERRORS = {
+    "value": 1e-8,
+    "gradient": 1e-8,
+    "hessian": 1e-8,
+    "exact_gradient": 1e-14,
+    "exact_hessian": 1e-14,
+    "states": 100,
+}
+HOLDS, FAILS, OPEN = Verdict.REPRODUCED, Verdict.DIFFERS, Verdict.UNDETERMINED
+CASES = [
+    ("lambda-typical", {"value": 2.9 * 1.019}, {"value": 2.9 * 0.979}, FAILS),
+    ("lambda-typical", {"value": -2.9}, {"value": 2.9 * 1.021}, FAILS),
+    (
+        "ring-steady-speed",
+        {"intensities": [0.01, 0.1, 1, 10], "changes": [1e-9, 1e-9, 1e-4, 9e-4]},
+        {"changes": [1e-9, 1e-9, 1e-4, 1.1e-3]},
+        FAILS,
+    ),
+    ("ring-speed-symmetry", SPEED, {"value": 2e-8}, FAILS),
+    ("ring-speed-symmetry", SPEED, {"mirrored_speeds": np.linspace(0.1, 1, 10) / 6}, FAILS),
+    ("ring-speed-symmetry", SPEED, {"speeds": -np.linspace(0.1, 1, 10) / 6}, FAILS),
+    ("ring-speed-intensity", ring(lambda x: 0.004 * x), ring(lambda x: 0.006 * x), FAILS),
+    ("ring-speed-intensity", ring(lambda x: 0.004 * x), ring(lambda x: 0.01 * x**0.5), FAILS),
+    (
+        "ring-curvature-profile",
+        {"intensities": [0.01, 0.1, 1, 10], "differences": [0.001, 0.01, 0.1, 0.5]},
+        {"differences": [0.01, 0.02, 0.1, 0.5]},
+        FAILS,
+    ),
+    ("strip-cycle", CYCLE, {"return_distance": 2e-6}, FAILS),
+    ("strip-cycle", CYCLE, {"crest_drift": [0.2, -0.2]}, FAILS),
+    ("strip-cycle", CYCLE, {"side_difference": 1e-3}, FAILS),
+    ("strip-cycle", CYCLE, {"snaps_per_period": 4}, FAILS),
+    (
+        "strip-eigenvalue",
+        {"value": 1e-4, "exponents": [0.46, 0.54], "after": [3.0, 4.0]},
+        {"exponents": [0.5, 1.0]},
+        FAILS,
+    ),
+    (
+        "strip-eigenvalue",
+        {"value": 1e-4, "exponents": [0.46, 0.54], "after": [3.0, 4.0]},
+        {"after": [3.0, -1.0]},
+        FAILS,
+    ),
+    ("strip-window", WINDOW, {"lower": [60, 50, 55]}, FAILS),
+    ("strip-window", WINDOW, {"resolution": 0.2}, FAILS),
+    ("strip-window", WINDOW, {"frequencies": [0.1, 0.3, 0.2]}, FAILS),
+    ("strip-best-angle-095", BEST, {"value": 64.5}, FAILS),
+    ("strip-best-angle-095", BEST, {"spread": 1.5}, FAILS),
+    ("strip-best-angle-0957", {"value": 65.9, "spread": 0.1}, {"value": 66.3}, FAILS),
+    ("strip-reverse", REVERSE, {"orbit_difference": 1e-12}, FAILS),
+    ("strip-reverse", REVERSE, {"crest_drift": [0.2, 0.2]}, FAILS),
+    ("strip-reverse", REVERSE, {"period_difference": 0.2}, FAILS),
+    ("strip-faces", FACES, {"homeotropic": [0.2, 0.5]}, FAILS),
+    ("strip-faces", FACES, {"homeotropic_window": [30, 75]}, FAILS),
+    ("snap-centred", CENTRED, {"curvature_before_snap": [0.4, -0.1]}, OPEN),
+    ("snap-centred", CENTRED, {"curvature_before_snap": [-0.4, -0.1]}, FAILS),
+    ("snap-centred", CENTRED, {"snaps_down": [True, False]}, OPEN),
+    ("snap-offcentre", OFF, {"crest_drift": [0.1, -0.1]}, OPEN),
+    ("snap-offcentre", OFF, {"change_after": [0.1, 0.1]}, FAILS),
+    ("snap-phase-portrait", PORTRAIT, {"slopes": [1.0, -1.0]}, OPEN),
+    ("snap-phase-portrait", PORTRAIT, {"slopes": [1.0, 1.0]}, FAILS),
+    ("snap-time-exponent", EXPONENT, {"slopes": [-1.5, -1.03, -1, -1, -1]}, FAILS),
+    ("snap-time-exponent", EXPONENT, {"products": [5, 4.2, 4.1, 4.0, 3.8]}, FAILS),
+    (
+        "psi-function",
+        {"difference": 1e-15, "at_zero": 0.0, "at_two": 0.0},
+        {"difference": 1e-10},
+        FAILS,
+    ),
+    ("derivative-errors", ERRORS, {"value": 1e-3, "hessian": 1e-3}, FAILS),
+    ("derivative-errors", ERRORS, {"states": 10}, FAILS),
+]
+
+
+def judged(claim, facts, **more):
+    if JUDGES[claim].has_value:
+        more.setdefault("uncertainty", 1e-3)
+    return scoreboard.record(claim, as_printed=facts, **more)
+
+
+class TestJudges:
+    @pytest.mark.parametrize(("claim", "facts", "change", "verdict"), CASES)
+    def test_facts_decide(self, claim, facts, change, verdict):
+        good = judged(claim, facts)
+        assert good.verdict is HOLDS, good.why
+        bad = judged(claim, {**facts, **change})
+        assert bad.verdict is verdict, bad.why
+        assert bad.why != good.why
+
+    def test_every_claim_of_the_written_subjects_has_a_judge_and_a_case(self):
+        wanted = {id for id, claim in scoreboard.claims().items() if claim.chapter in "3A"}
+        assert wanted <= set(JUDGES)
+        assert {case[0] for case in CASES} >= wanted
+
+    def test_every_judge_has_a_claim(self):
+        assert set(JUDGES) <= set(scoreboard.claims())
+
+    @pytest.mark.parametrize("claim", sorted(JUDGES))
+    def test_needs_are_described_and_missing_ones_refused(self, claim):
+        text = scoreboard.needs(claim)
+        for name, need in JUDGES[claim].needs.items():
+            assert name in text
+            assert need.meaning
+        with pytest.raises(InvalidInput, match="lacks") as caught:
+            judged(claim, {})
+        assert text in str(caught.value)
+
+    @pytest.mark.parametrize(("claim", "facts"), {case[0]: case[1] for case in CASES}.items())
+    def test_numbers_that_are_not_numbers_are_refused(self, claim, facts):
+        for name, need in JUDGES[claim].needs.items():
+            if name not in facts:
+                continue
+            bad = {"number": math.nan, "numbers": [1, math.nan], "flags": [1, 0], "flag": 1}
+            with pytest.raises(InvalidInput, match=re.escape(f"as_printed[{name!r}]")):
+                judged(claim, {**facts, name: bad[need.kind]})
+
+    def test_lists_must_belong_together(self):
+        with pytest.raises(InvalidInput, match="different lengths"):
+            judged("strip-window", {**WINDOW, "lower": [1, 2]})
+        with pytest.raises(InvalidInput, match="empty"):
+            judged("strip-window", {**WINDOW, "lower": []})
+
+    def test_the_claim_says_what_has_to_be_covered(self):
+        facts = {"intensities": [0.1, 1, 10], "changes": [0, 0, 0]}
+        with pytest.raises(InvalidInput, match=r"lacks 0\.01"):
+            judged("ring-steady-speed", facts)
+        with pytest.raises(InvalidInput, match="three entries"):
+            judged("snap-time-exponent", {**EXPONENT, "light": [1, 2, 3, 4, 50]})
+
+    def test_readings(self):
+        check = for_every_reading("it snaps", [0.1, 0.2, 0.3], [True, False, True])
+        assert check.outcome is Outcome.UNDETERMINED
+        assert check.sentence == "it snaps for 0.1, 0.3, but not for 0.2"
+
+    @given(st.floats(0.1, 4), st.floats(1e-3, 1e3))
+    def test_orders_are_found(self, order, factor):
+        assume(abs(order - 0.95) > 1e-6)
+        sizes = np.array([1.0, 0.1, 0.01])
+        check = order_of("it", sizes, factor * sizes**order, 1)
+        assert (check.outcome is Outcome.HOLDS) == (order > 0.95)
+
+
+class TestRecords:
+    def test_by_hand_nothing_is_left_behind(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        result = scoreboard.record("strip-best-angle-095", as_printed=BEST, uncertainty=0.04)
+        assert result.verdict is Verdict.REPRODUCED
+        assert 'class="verdict verdict-reproduced"' in result._repr_html_()
+        assert list(tmp_path.iterdir()) == []
+
+    def test_the_corrected_facts_decide(self):
+        good, bad = {"value": 2.9}, {"value": 1.1}
+        common = {"uncertainty": 0.01, "correction": "the depth"}
+        for printed, corrected, verdict in [
+            (bad, good, Verdict.CORRECTED),
+            (None, good, Verdict.CORRECTED),
+            (good, good, Verdict.REPRODUCED),
+            (good, bad, Verdict.DIFFERS),  # agreed only because of the error
+            (bad, bad, Verdict.DIFFERS),
+        ]:
+            result = scoreboard.record(
+                "lambda-typical", as_printed=printed, corrected=corrected, **common
+            )
+            assert result.verdict is verdict
+            assert result.why.startswith("corrected: the depth")
+            assert result.value == corrected["value"]
+
+    def test_a_bare_number_is_the_headline(self):
+        result = scoreboard.record("lambda-typical", as_printed=1.119, uncertainty=0.001)
+        assert result.verdict is Verdict.DIFFERS
+        assert result.computed() == "1.1190(10)"
+        assert result.difference() == "-1.7810"
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            ({}, "is empty"),
+            ({"as_printed": BEST}, "`uncertainty` is missing"),
+            ({"as_printed": BEST, "uncertainty": -1}, "at least 0"),
+            ({"as_printed": BEST, "uncertainty": math.nan}, "finite"),
+            ({"as_printed": {**BEST, "spraed": 1}, "uncertainty": 0.1}, "did you mean 'spread'"),
+            ({"as_printed": 65.1, "uncertainty": 0.1}, "needs a mapping"),
+            ({"corrected": BEST, "uncertainty": 0.1}, "go together"),
+            ({"as_printed": BEST, "correction": "x", "uncertainty": 0.1}, "go together"),
+            ({"as_printed": BEST, "uncertainty": 0.1, "independent": 66.0}, "exclude each other"),
+            ({"as_printed": BEST, "uncertainty": 0.1, "independent": math.nan}, "finite"),
+            ({"as_printed": BEST, "uncertainty": 0.1, "independent": (1, 2, 3)}, "or one number"),
+        ],
+    )
+    def test_bad_records_are_refused(self, arguments, message):
+        with pytest.raises(InvalidInput, match=re.escape(message)):
+            scoreboard.record("strip-best-angle-095", **arguments)
+
+    def test_independent_numbers_need_a_headline(self):
+        with pytest.raises(InvalidInput, match="not recorded"):
+            scoreboard.record("strip-reverse", as_printed=REVERSE, independent=(1.0, 0.1))
+        with pytest.raises(InvalidInput, match="no uncertainty"):
+            scoreboard.record("strip-reverse", as_printed=REVERSE, independent=1.0)
+
+    def test_unknown_claims_come_with_the_nearest(self):
+        with pytest.raises(InvalidInput, match=r"did you mean .*'lambda-typical'"):
+            scoreboard.record("lambda-tipical", as_printed=1.0, uncertainty=0.1)
+
+    def test_claims_without_a_judge_say_what_to_write(self):
+        without = [id for id in scoreboard.claims() if id not in JUDGES]
+        for claim in without:
+            with pytest.raises(InvalidInput, match="has no judge yet"):
+                scoreboard.record(claim, as_printed=1.0, uncertainty=0.1)
+
+    @given(st.floats(), st.floats())
+    def test_any_floats_are_judged_or_refused(self, value, spread):
+        try:
+            result = scoreboard.record(
+                "strip-best-angle-095",
+                as_printed={"value": value, "spread": spread},
+                uncertainty=0.05,
+            )
+        except InvalidInput:
+            assert not (math.isfinite(value) and math.isfinite(spread))
+            return
+        expected = abs(value - 65.1) <= 0.5 and abs(spread) <= 1
+        assert (result.verdict is Verdict.REPRODUCED) == expected
+
+
+class TestBoard:
+    def test_records_are_read_back(self, building, monkeypatch):
+        monkeypatch.setenv("LISSOME_PAGE", "3-flapping-strip")
+        kept = scoreboard.record(
+            "strip-best-angle-095",
+            as_printed=BEST,
+            uncertainty=0.04,
+            independent=(65.12, 0.02),
+            remark="Looked at twice.",
+        )
+        assert [path.name for path in building.iterdir()] == ["strip-best-angle-095.json"]
+        row = scoreboard.board(building, [])["strip-best-angle-095"]
+        assert row.verdict is kept.verdict
+        assert row.why == kept.why
+        assert row.record.page == "3-flapping-strip"
+        assert "Looked at twice." in row.why
+
+    def test_lists_and_flags_survive(self, building, monkeypatch):
+        monkeypatch.setenv("LISSOME_PAGE", "3-snapping-strip")
+        kept = judged("snap-centred", {**CENTRED, "snaps_down": np.array([True, False])})
+        row = scoreboard.board(building, [])["snap-centred"]
+        assert row.verdict is kept.verdict is Verdict.UNDETERMINED
+
+    def test_only_claims_of_written_pages_can_be_missing(self, building):
+        empty = scoreboard.board(building, [])
+        assert empty.missing == ()
+        assert empty.counts()[Verdict.PENDING] == len(scoreboard.claims())
+        judged("lambda-typical", {"value": 1.1})
+        pages = {"3-photomechanical-beams", "3-rolling-ring"}
+        board = scoreboard.board(building, pages)
+        of_pages = [c.id for c in scoreboard.claims().values() if c.page in pages]
+        assert [c.id for c in board.missing] == [id for id in of_pages if id != "lambda-typical"]
+        assert board.missing
+        assert sum(board.counts().values()) == len(board.rows)
+
+    def test_a_claim_is_recorded_once(self, building, monkeypatch):
+        judged("lambda-typical", {"value": 1.1})
+        with pytest.raises(InvalidInput, match="recorded twice on the page"):
+            judged("lambda-typical", {"value": 1.1})
+        # the same page, run again by another process, replaces its record
+        monkeypatch.setattr(scoreboard, "_PROCESS", "another")
+        judged("lambda-typical", {"value": 1.2})
+        assert scoreboard.board(building, [])["lambda-typical"].record.value == 1.2
+
+    def test_a_claim_belongs_to_a_page(self, building, monkeypatch):
+        monkeypatch.setenv("LISSOME_PAGE", "4-discrete-rods-and-ribbons")
+        with pytest.raises(InvalidInput, match="belongs to the page '3-photomechanical-beams'"):
+            judged("lambda-typical", {"value": 1.1})
+        assert not building.exists()
+
+    def test_a_cell_may_be_run_again_by_hand(self, building, monkeypatch):
+        monkeypatch.delenv("LISSOME_PAGE")
+        judged("lambda-typical", {"value": 1.1})
+        judged("lambda-typical", {"value": 1.2})
+        monkeypatch.setenv("LISSOME_PAGE", "3-photomechanical-beams")
+        with pytest.raises(InvalidInput, match="already"):
+            judged("lambda-typical", {"value": 1.1})
+
+    def test_damaged_records_are_refused(self, building):
+        judged("lambda-typical", {"value": 1.1})
+        path = building / "lambda-typical.json"
+        good = path.read_text()
+        for bad in (good[:-20], "[]", good.replace('"format": 1', '"format": 2'), "{}"):
+            path.write_text(bad)
+            with pytest.raises(DataError, match=r"lambda-typical\.json"):
+                scoreboard.board(building, [])
+
+    def test_verdicts_are_computed_from_the_stored_facts(self, building):
+        judged("lambda-typical", {"value": 2.9})
+        path = building / "lambda-typical.json"
+        content = json.loads(path.read_text())
+        assert "verdict" not in content
+        content["as_printed"]["value"] = 1.1
+        path.write_text(json.dumps(content))
+        assert scoreboard.board(building, [])["lambda-typical"].verdict is Verdict.DIFFERS
+
+    def test_the_csv_shows_no_digit_beyond_the_uncertainty(self, building, monkeypatch):
+        monkeypatch.setenv("LISSOME_PAGE", "3-flapping-strip")
+        scoreboard.record(
+            "strip-best-angle-095",
+            as_printed={"value": 65.131234, "spread": 0.2},
+            uncertainty=0.04,
+            independent=(65.1212, 0.002),
+        )
+        text = scoreboard.board(building, []).to_csv()
+        rows = {row["id"]: row for row in csv.DictReader(io.StringIO(text))}
+        assert set(rows) == set(scoreboard.claims())
+        assert rows["strip-best-angle-095"] == {
+            "id": "strip-best-angle-095",
+            "printed": "65.1",
+            "computed": "65.13",
+            "independent": "65.121",
+            "difference": "0.03",
+            "uncertainty": "0.04",
+            "unit": "degree",
+            "verdict": "reproduced",
+        }
+        assert rows["jump-height"]["printed"] == "0.20"
+        assert rows["jump-height"]["verdict"] == "pending"
+
+
+def test_claims_point_to_stored_numbers_and_slots():
+    for claim in scoreboard.claims().values():
+        for id in claim.data:
+            number = literature.value(id)
+            if len(claim.data) == 1 and not math.isnan(claim.value):
+                assert float(number) == pytest.approx(claim.value, abs=1e-7)
+        if claim.slot:
+            assert claim.slot in literature.slots()
+        if not math.isnan(claim.value):
+            assert float(claim.printed) == claim.value
+
+
+def test_the_scoreboard_is_light():
+    code = (
+        "import sys; from lissome import scoreboard; scoreboard.claims();"
+        "heavy = {'frictionless', 'pandas', 'pint', 'matplotlib', 'numba', 'scipy'};"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
