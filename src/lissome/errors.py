@@ -137,16 +137,19 @@ class SweepFailed(LissomeError, RuntimeError):
         Which point failed and how.
     point : mapping, optional
         The arguments of the point.
+    finished : pandas.DataFrame, optional
+        The points that had finished, as `lissome.sweep` would have returned them.
 
     Attributes
     ----------
-    point : mapping or None
+    point, finished : object or None
         As passed. The exception of the function itself is the ``__cause__``.
     """
 
-    def __init__(self, message: str = "", *, point: Any = None) -> None:
+    def __init__(self, message: str = "", *, point: Any = None, finished: Any = None) -> None:
         super().__init__(message)
         self.point = point
+        self.finished = finished
 
 
 class DataError(LissomeError):
