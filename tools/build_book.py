@@ -84,6 +84,10 @@ def main(arguments: list[str] | None = None) -> int:
             "external_toc_path": str(ROOT / "book" / "_toc.yml"),
             "latex_individualpages": False,
             "nitpicky": True,
+            # A failing cell is a warning here, hence an error at the end: all pages get their turn,
+            # and the traceback is shown. (Other ways to build the book stop at the first one.)
+            "nb_execution_raise_on_error": False,
+            "nb_execution_show_tb": True,
         },
         freshenv=True,
         force_all=True,

@@ -2,7 +2,8 @@
 
 The number is the prefix of the file name: sections, figures and equations of
 ``3-photomechanical-beams.md`` are 3.1, 3.2, ..., those of ``a-strain-gradients.md`` A.1, A.2, ...
-Pages that share a prefix continue one another's sections.
+Pages nested below a chapter are sections of it; pages side by side that share a prefix continue one
+another's sections.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ def renumber(env):
         chapter = chapter_of(docname)
         if chapter is None:
             continue
-        before = sections.get(chapter, 0)
+        nested = len(numbers.get("") or ()) > 1
+        before = 0 if nested else sections.get(chapter, 0)
 
         def corrected(number, chapter=chapter, before=before):
             if not number:
@@ -41,7 +43,7 @@ def renumber(env):
 
         env.toc_secnumbers[docname] = {a: corrected(n) for a, n in numbers.items()}
         used = [n[1] for n in env.toc_secnumbers[docname].values() if n and len(n) > 1]
-        sections[chapter] = max(used, default=before)
+        sections[chapter] = max([sections.get(chapter, 0), *used])
         for reference in env.tocs[docname].findall(nodes.reference):
             if reference.get("secnumber"):
                 reference["secnumber"] = list(corrected(tuple(reference["secnumber"])))

@@ -1,0 +1,148 @@
+"""tools/build_book.py: any fault fails the build, again and again; numbers are the thesis's."""
+
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+pytest.importorskip("jupyter_book")
+
+HEADER = """---
+jupytext: {text_representation: {extension: .md, format_name: myst}}
+kernelspec: {display_name: Python 3, language: python, name: python3}
+---
+"""
+
+
+def cell(code):
+    return f"```{{code-cell}} python\n{code}\n```\n"
+
+
+class Book:
+    """A small book with the configuration, the extensions and the tools of the real one."""
+
+    def __init__(self, folder, root):
+        self.root = folder
+        for part in ("tools", "book/_ext", "book/_static"):
+            shutil.copytree(root / part, folder / part)
+        config = yaml.safe_load((root / "_config.yml").read_text(encoding="utf-8"))
+        kept = ("offline", "chapter_numbers", "citations")
+        local = config["sphinx"]["local_extensions"]
+        config["sphinx"]["local_extensions"] = {name: local[name] for name in kept}
+        (folder / "_config.yml").write_text(yaml.safe_dump(config), encoding="utf-8")
+        self.write(
+            "references.bib",
+            "@book{a, author={A. Bee and C. Dee}, title={T}, publisher={P}, year=1973}",
+        )
+        self.write("index.md", "# Front\n")
+
+    def write(self, name, text):
+        (self.root / "book" / name).write_text(text, encoding="utf-8")
+
+    def contents(self, *chapters):
+        toc = {"format": "jb-book", "root": "index"}
+        toc["parts"] = [{"caption": "All", "numbered": 3, "chapters": list(chapters)}]
+        self.write("_toc.yml", yaml.safe_dump(toc))
+
+    def build(self):
+        command = [sys.executable, "tools/build_book.py", "out put"]
+        done = subprocess.run(command, cwd=self.root, capture_output=True, text=True)
+        return done.returncode, re.sub(r"\x1b\[[0-9;]*m", "", done.stdout + done.stderr)
+
+    def page(self, name):
+        return (self.root / "out put" / "html" / f"{name}.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def book(tmp_path, root):
+    return Book(tmp_path / "a book", root)
+
+
+FAULTS = {
+    "exception": cell("def f(): raise ValueError('tripped')") + cell("f()"),
+    "stderr": cell("import sys; print('odd', file=sys.stderr)"),
+    "reference": "See {eq}`eq-nowhere`.\n",
+    "citation": "See {cite}`nobody`.\n",
+    "function": "See {py:func}`lissome.nothing`.\n",
+}
+
+
+def test_every_fault_fails_the_build_also_the_second_time(book):
+    book.contents(*({"file": f"1-{name}"} for name in FAULTS))
+    for name, text in FAULTS.items():
+        book.write(f"1-{name}.md", f"{HEADER}# Page\n\n{text}")
+    for _ in range(2):
+        status, said = book.build()
+        assert status == 1
+        assert "FAILED" in said
+        for name in FAULTS:
+            assert re.search(rf"1-{name}\.md.*(?:WARNING|ERROR)", said), (name, said)
+        assert "ValueError: tripped" in said
+
+
+def test_good_book(book):
+    nested = {"file": "3-chapter", "sections": [{"file": "3-part"}]}
+    book.contents(nested, {"file": "a-appendix"})
+    code = "import os, sys; print(os.environ['LISSOME_SCOREBOARD']); print('by', sys.executable)"
+    plot = (
+        "from IPython.display import HTML; import plotly.graph_objects as go\n"
+        "HTML(go.Figure().to_html(full_html=False, include_plotlyjs=False))"
+    )
+    math = "\n$$ a = b $$ (eq-{0})\n\nAs {{eq}}`eq-{0}` says.\n\n## Section\n"
+    book.write("3-chapter.md", f"{HEADER}# Chapter\n{math.format('one')}\n{cell(code)}")
+    book.write("3-part.md", f"{HEADER}# Part\n{math.format('two')}\n{cell(plot)}")
+    bibliography = "```{bibliography}\n```\n"
+    book.write(
+        "a-appendix.md",
+        f"# Appendix\n{math.format('three')}\n{{cite}}`a` {{cite:t}}`a`\n\n{bibliography}",
+    )
+    stale = book.root / "out put" / "scoreboard" / "old.json"
+    stale.parent.mkdir(parents=True)
+    stale.write_text("{}")
+    kept = book.root / "out put" / "mine.txt"
+    kept.write_text("not the build's")
+
+    status, said = book.build()
+    assert status == 0, said
+    assert not stale.exists(), "records of an earlier build are deleted"
+    assert kept.exists(), "files of others are not"
+
+    # numbers
+    chapter, part, appendix = (book.page(n) for n in ("3-chapter", "3-part", "a-appendix"))
+    numbers = [re.findall(r'"eqno">\(([^)]+)\)', page) for page in (chapter, part, appendix)]
+    assert numbers == [["3.1"], ["3.2"], ["A.1"]]
+    headings = [re.findall(r'<h[12]><span class="section-number">([^<]+)\.\s', p) for p in (part,)]
+    assert headings == [["3.2", "3.2.1"][: len(headings[0])]]
+    assert 'class="section-number">A.' in appendix
+    assert "As" in part
+    assert '">(3.2)</a>' in part
+
+    # one label, in the text and in the list
+    assert "Bee and Dee, 1973</a>]" in appendix
+    assert re.search(r"\[</span>Bee and Dee, 1973<span", appendix)
+
+    # offline, and plotly only where it is needed
+    static = book.root / "out put" / "html" / "_static"
+    assert (static / "mathjax" / "tex-chtml.js").is_file()
+    assert (static / "plotly.min.js").is_file()
+    assert "plotly.min.js" in part
+    assert "plotly.min.js" not in chapter
+    for page in (chapter, part, appendix):
+        assert not re.findall(
+            r'(?:<script[^>]+src|<link[^>]+href|<img[^>]+src)="(?:https?:)?//', page
+        )
+
+    # the environment of the cells, and the downloads
+    assert f"by {sys.executable}" in chapter
+    assert str(book.root / "out put" / "scoreboard") in chapter
+    sources = book.root / "out put" / "html" / "_sources"
+    for suffix in ("md", "py", "ipynb"):
+        assert (sources / f"3-chapter.{suffix}").is_file()
+        assert f"_sources/3-chapter.{suffix}" in chapter
+    assert (
+        "by " in (sources / "3-chapter.ipynb").read_text(encoding="utf-8").split('"outputs"', 1)[1]
+    )
+    assert not (sources / "a-appendix.ipynb").exists()
