@@ -1,0 +1,140 @@
+"""What the packaging files say agrees: with each other, and with what the code imports."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import lissome
+
+
+@pytest.fixture(scope="module")
+def project(root):
+    return tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+@pytest.fixture(scope="module")
+def lock(root):
+    lines = (root / "requirements.txt").read_text(encoding="utf-8").splitlines()
+    found = [Requirement(line) for line in lines if re.match(r"[a-zA-Z0-9]", line)]
+    return {canonicalize_name(r.name): r for r in found}
+
+
+def imported_modules(folder):
+    """Return the top-level names that the Python files below a folder import, wherever they do."""
+    names = set()
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                names.add(node.module.split(".")[0])
+    return names - set(sys.stdlib_module_names) - {"lissome"}
+
+
+def test_dependencies_are_what_the_library_imports(project, root):
+    providers = packages_distributions()
+    imported = set()
+    for module in imported_modules(root / "src"):
+        assert module in providers, f"{module} is imported but not installed"
+        imported |= {canonicalize_name(name) for name in providers[module]}
+    declared = {canonicalize_name(Requirement(d).name) for d in project["dependencies"]}
+    assert imported - declared == set(), "imported by the library but not declared"
+    assert declared - imported == set(), "declared but imported nowhere"
+
+
+def test_lock_satisfies_every_requirement(project, lock):
+    wanted = list(project["dependencies"])
+    for extra in project["optional-dependencies"].values():
+        wanted += extra
+    for requirement in map(Requirement, wanted):
+        pin = lock.get(canonicalize_name(requirement.name))
+        assert pin is not None, f"{requirement} is not locked: run `make lock`"
+        (version,) = [s.version for s in pin.specifier if s.operator == "=="]
+        assert requirement.specifier.contains(version), f"{pin} does not satisfy {requirement}"
+
+
+def test_lock_pins_exactly_and_installs_the_library(root, lock):
+    lines = (root / "requirements.txt").read_text(encoding="utf-8").splitlines()
+    entries = [line for line in lines if line and not line.startswith("#")]
+    assert entries[0] == "-e ."
+    for requirement in lock.values():
+        assert [s.operator for s in requirement.specifier] == ["=="], str(requirement)
+    assert not [line for line in entries if "://" in line or line.startswith("--")]
+
+
+def test_versions_agree(root):
+    citation = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
+    assert str(citation["version"]) == lissome.__version__
+    changelog = (root / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.search(r"^## (\S+)", changelog, re.MULTILINE).group(1) == lissome.__version__
+
+
+def test_top_level_offers_no_place_of_this_machine(root):
+    """Committed text names no folder and no index of the machine it was written on."""
+    done = subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip("not a git repository")
+    suspicious = re.compile(r"/(?:home|root|Users)/\w|file:///\w|(?<![\w.$}])/(?:work|tmp)/\w")
+    for name in done.stdout.splitlines():
+        path = root / name
+        if path.suffix in {".png", ".webp", ".svg"} or not path.is_file():
+            continue
+        found = suspicious.search(path.read_text(encoding="utf-8"))
+        if found and name != "tests/test_tools_packaging.py":
+            pytest.fail(f"{name} names a place of one machine: {found.group()}")
+
+
+def test_classifiers_are_the_pythons_that_the_lock_is_checked_for(project, tools):
+    import lock
+
+    listed = [c.rsplit(" :: ", 1)[1] for c in project["classifiers"] if ":: 3." in c]
+    assert tuple(listed) == lock.PYTHONS
+    assert Requirement(f"python{project['requires-python']}").specifier.contains(lock.PYTHONS[0])
+
+
+def test_book_configuration_offers_no_remote_service(root):
+    config = yaml.safe_load((root / "_config.yml").read_text(encoding="utf-8"))
+    assert "repository" not in config
+    assert not any(config["launch_buttons"][key] for key in ("binderhub_url", "colab_url", "thebe"))
+    assert not any(value for key, value in config["html"].items() if key.startswith("use_"))
+
+
+def test_notebooks_are_kept_without_outputs(root):
+    assert not list((root / "book").rglob("*.ipynb"))
+    for page in (root / "book").rglob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        if "{code-cell}" in text:
+            header = yaml.safe_load(text.split("---")[1])
+            assert header["kernelspec"]["name"] == "python3", page.name
+            assert header["jupytext"]["text_representation"]["format_name"] == "myst", page.name
+
+
+def test_every_page_is_in_the_contents(root):
+    contents = yaml.safe_load((root / "book" / "_toc.yml").read_text(encoding="utf-8"))
+    listed = set(re.findall(r"'(?:file|root)': '([^']+)'", str(contents)))
+    pages = {
+        p.relative_to(root / "book").with_suffix("").as_posix()
+        for p in (root / "book").rglob("*.md")
+        if "_" not in p.relative_to(root / "book").parts[0][:1]
+    }
+    assert pages == listed
+
+
+def test_stored_benchmarks_are_complete(root):
+    stored = root / "benchmarks" / "results.json"
+    if not stored.is_file():
+        pytest.skip("no benchmark is stored yet")
+    result = json.loads(stored.read_text(encoding="utf-8"))
+    assert {"taken", "commit", "sources", "machine", "versions", "benchmarks"} <= set(result)
+    for row in result["benchmarks"]:
+        assert row["median_seconds"] > 0
+        assert (row["against"] is None) == (row["ratio"] is None)
