@@ -186,7 +186,7 @@ class _Run:
                 f"{len(damaged)} stored point(s) of this sweep are damaged and are computed anew; "
                 f"the first: {damaged[0]}",
                 CacheWarning,
-                stacklevel=4,
+                stacklevel=3,
             )
 
     def finish(self, index: int, outcome: _Outcome) -> None:
