@@ -20,12 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import (
     FactorizationError,
     InvalidInput,
+    LissomeError,
     NotConverged,
     StabilityNotResolvable,
     Unstable,
 )
 from .factorization import Factorization, KKTMatrix
-from .stability import lowest_mode, nearest_eigenvalue
+from .stability import lowest_mode, softest_mode
 from .structure import Evaluation, Structure, save_state
 
 __all__ = ["Equilibrium", "Iteration", "equilibrate"]
@@ -33,6 +34,8 @@ __all__ = ["Equilibrium", "Iteration", "equilibrate"]
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 DEFAULT_TOLERANCE = 1e-9
+#: Corrections beyond this multiple of the typical unknowns are shortened by a shift, at first.
+FAR = 10.0
 
 
 @dataclass(frozen=True)
@@ -229,6 +232,9 @@ class _Solver:
         self.on_iteration = on_iteration
         self.history: list[Iteration] = []
         self.last_shift = 0.0
+        self.damping = 0.0
+        self.largest_force = np.zeros(structure.size)
+        self.far = FAR
         self.penalty = np.zeros(structure.constraints_count)
         self.escapes = 0
         self.relaxed = False
@@ -264,6 +270,8 @@ class _Solver:
         self.noise = float(structure.noise(self.state))
         self.force_terms, self.constraint_terms = self.kkt.magnitude(self.typical, self.multipliers)
         self.residual = self.relative_residual(self.gradient, self.constraints)
+        sizes = self.force_terms + np.abs(self.gradient)
+        self.largest_force = np.maximum(self.largest_force, sizes)
         try:
             self.plain: Factorization | None = self.kkt.factorize(0.0, self.gauge, self.metric)
         except FactorizationError:
@@ -277,10 +285,9 @@ class _Solver:
             (constraints, self.constraint_terms),
         ):
             if values.size:
-                size = np.maximum(terms, EPS * np.max(terms))
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    ratio = np.where(values == 0, 0.0, np.abs(values) / size)
-                worst = max(worst, float(np.max(ratio)))
+                size = np.abs(values)
+                total = np.maximum(terms, EPS * np.max(terms)) + size
+                worst = max(worst, float(np.max(size / np.where(total > 0, total, 1.0))))
         return worst
 
     def magnitude(self, dx: Array) -> float:
@@ -295,18 +302,19 @@ class _Solver:
     def record(self, correction: float, shift: float, step: float, kind: str) -> None:
         """Add a line to the history."""
         line = Iteration(
-            len(self.history), self.evaluation.energy, self.residual, correction, shift, step,
+            len(self.history), float(self.evaluation.energy), self.residual, correction, shift, step,
             self.inertia, kind,
         )  # fmt: skip
         self.history.append(line)
         if self.on_iteration is not None:
             self.on_iteration(line)
 
-    def fail(self, message: str) -> NotConverged:
+    def fail(self, message: str) -> LissomeError:
         """Return the error for a solve that does not go on."""
         if self.relaxed:
             redundant = _redundancy_message(self.structure, self.kkt, self.gauge, self.metric)
-            message += f"; {redundant}" if redundant else ""
+            if redundant:
+                return InvalidInput(redundant)
         return NotConverged(message, history=tuple(self.history), state=self.state)
 
     # ---- directions ------------------------------------------------------------------------------
@@ -321,6 +329,8 @@ class _Solver:
         scale = float(np.median(stiffness / self.metric))
         scale = scale if scale > 0 else 1.0
         first = max(least, self.last_shift * 0.25, 1e-6 * scale)
+        if self.plain is not None and self.plain.is_minimum:
+            first = least  # asked for in order to shorten the step
 
         def attempt(shift: float, relaxation: float) -> Factorization | None:
             # The relaxation is measured by what the shifted Hessian makes of the constraints.
@@ -350,6 +360,28 @@ class _Solver:
         if message:
             raise InvalidInput(message)
         raise self.fail("the KKT matrix could not be made regular by any shift of the Hessian")
+
+    def curvature(self, shift: float, dx: Array) -> float:
+        """Return the stiffness along an increment, in units of the metric."""
+        mass = float(dx @ (self.metric * dx))
+        bend = float(dx @ self.kkt.apply(dx, np.zeros(self.structure.constraints_count))[0])
+        return abs(bend + shift * mass) / mass if mass > 0 else 0.0
+
+    def shorten(
+        self, factor: Factorization, shift: float, dx: Array, dmult: Array
+    ) -> tuple[Factorization, float, Array, Array]:
+        """Raise the shift until the increment is not far beyond the typical unknowns."""
+        size = self.magnitude(dx)
+        while size > self.far:
+            least = max(10.0 * shift, self.curvature(shift, dx))
+            if not least > shift:
+                break
+            factor, shift = self.regular(least)
+            dx, dmult = factor.solve(-self.gradient, -self.constraints)
+            previous, size = size, self.magnitude(dx)
+            if size > 0.7 * previous:  # the constraints ask for it
+                break
+        return factor, shift, dx, dmult
 
     # ---- line search -----------------------------------------------------------------------------
 
@@ -384,7 +416,7 @@ class _Solver:
         while step * self.magnitude(dx) > 1e-14 and step > 1e-12:
             state = structure.retract(self.state, step * dx)
             mult = self.multipliers + step * dmult
-            kind = "newton"
+            kind, previous = "newton", math.inf
             for attempt in range(5):
                 trial = structure.evaluate(state, mult, 1)
                 if not _finite(trial):
@@ -398,7 +430,7 @@ class _Solver:
                     break
                 if attempt == 0 and step == 1.0:
                     # Natural test: the next correction, with the same factors, is much shorter.
-                    d2, m2 = factor.solve(-trial.gradient, -trial.constraints)
+                    d2, _ = factor.solve(-trial.gradient, -trial.constraints)
                     if float(np.sqrt(d2 @ (self.metric * d2))) <= 0.25 * size:
                         self.record(self.magnitude(dx), shift, step, kind)
                         self.state, self.multipliers = state, mult
@@ -407,7 +439,7 @@ class _Solver:
                     break
                 aim = (1.0 - step) * c
                 excess = float(self.penalty @ np.abs(trial.constraints - aim))
-                if attempt and not excess < 0.9 * previous:
+                if not excess < 0.9 * previous:
                     break
                 previous = excess
                 d2, _ = factor.solve(np.zeros_like(dx), aim - trial.constraints)
@@ -423,7 +455,7 @@ class _Solver:
         """Step along the direction of most negative curvature, downhill."""
         structure = self.structure
         factor, shift = self.regular(self.last_shift * 4)
-        curvature, mode = lowest_mode(self.kkt, factor, shift, self.metric)
+        curvature, mode = lowest_mode(self.kkt, factor, self.metric)
         if not curvature < 0:
             return False
         # A constraint that holds to rounding must not hide the small fall of the energy.
@@ -475,7 +507,7 @@ class _Solver:
 
     def check_resolved(self) -> None:
         """Raise if rounding hides the sign of the eigenvalue that is nearest to zero."""
-        details = dict(state=self.state, history=tuple(self.history))
+        details = {"state": self.state, "history": tuple(self.history)}
         if self.plain is None or self.plain.inertia[2]:
             redundant = _redundancy_message(self.structure, self.kkt, self.gauge, self.metric)
             if redundant:
@@ -485,14 +517,43 @@ class _Solver:
                 "critical (a fold or a bifurcation), or a neutral motion is not listed in `gauge`",
                 **details,
             )
-        value, floor = nearest_eigenvalue(self.kkt, self.plain, self.metric, self.noise)
-        if not abs(value) > floor:
+        value, mode, mult = softest_mode(self.kkt, self.plain, self.metric)
+        if math.isinf(value):
+            return
+        sizes, _ = self.kkt.magnitude(mode, mult)
+        floor = self.noise * float(np.abs(mode) @ sizes)
+        floor += self.drift(value, mode, mult)
+        if not value > floor:
             raise StabilityNotResolvable(
-                f"the eigenvalue nearest to zero is {value:.3g}, which does not exceed the round-off "
-                f"floor {floor:.3g}: stability cannot be resolved at this point; move the parameter "
-                "away from the critical value, or use a coarser mesh",
+                f"the eigenvalue nearest to zero is {value:.3g}, which does not exceed the "
+                f"round-off floor {floor:.3g}: stability cannot be resolved at this point; move "
+                "the parameter away from the critical value, or use a coarser mesh",
                 **details,
             )
+
+    def drift(self, value: float, mode: Array, mult: Array) -> float:
+        """Return how much the eigenvalue moves within the rounding error of the state.
+
+        Rounding of the forces moves the state along the soft mode by (error of force) / value. At a
+        fold the eigenvalue is linear in this motion, and vanishes like the root of the error.
+        """
+        length = 1.0 / self.magnitude(mode)
+        force = self.noise * float(np.linalg.norm(mode * self.largest_force))
+        if force / value < 1e-12 * length and mode.size > 10:
+            return 0.0
+        reach = 1e-3 * length
+        here = float(mode @ self.kkt.apply(mode, np.zeros_like(mult))[0])
+        slope = 0.0
+        for step in (reach, -reach):
+            step *= float(self.structure.max_step(self.state, step * mode))
+            state = self.structure.retract(self.state, step * mode)
+            there = self.structure.evaluate(state, self.multipliers, 2).kkt
+            assert there is not None
+            bent, moved = there.apply(mode, mult)
+            change = float(mode @ bent + mult @ moved) - here
+            slope = max(slope, abs(change) / abs(step)) if math.isfinite(change) else slope
+        force = max(force, self.noise * slope * length**2)
+        return 2.0 * slope * force / value
 
     def finish(self, dx: Array | None, dmult: Array | None, correction: float) -> Equilibrium:
         """Return the result, after a last Newton step if that improves the balance."""
@@ -503,25 +564,42 @@ class _Solver:
             self.state, self.multipliers, self.evaluation.energy, self.residual,
         )  # fmt: skip
         polished = False
-        if dx is not None and dmult is not None and correction > 0:
-            if self.structure.max_step(self.state, dx) == 1.0:
-                new_state = self.structure.retract(self.state, dx)
-                new = self.structure.evaluate(new_state, mult + dmult, 1)
-                if _finite(new):
-                    assert new.gradient is not None
-                    new_residual = self.relative_residual(new.gradient, new.constraints)
-                    if new_residual < residual:
-                        state, mult, energy, residual = (
-                            new_state, mult + dmult, new.energy, new_residual,
-                        )  # fmt: skip
-                        polished = True
+        if (
+            dx is not None
+            and dmult is not None
+            and correction > 0
+            and self.structure.max_step(self.state, dx) == 1.0
+        ):
+            new_state = self.structure.retract(self.state, dx)
+            new = self.structure.evaluate(new_state, mult + dmult, 1)
+            if _finite(new):
+                assert new.gradient is not None
+                new_residual = self.relative_residual(new.gradient, new.constraints)
+                if new_residual > 100 * self.noise:
+                    # At a regular root corrections shrink quadratically; at a double one by 1/2.
+                    after, _ = self.plain.solve(-new.gradient, -new.constraints)
+                    ratio = self.magnitude(after) / correction
+                    if ratio > 0.2:
+                        raise StabilityNotResolvable(
+                            "Newton's corrections shrink only linearly (the next is "
+                            f"{ratio:.2g} of the last): the stationary point is critical to within "
+                            "the tolerance, and its stability cannot be told; move the parameter "
+                            "away from the critical value",
+                            state=self.state,
+                            history=tuple(self.history),
+                        )
+                if new_residual < residual:
+                    state, mult, energy, residual = (
+                        new_state, mult + dmult, new.energy, new_residual,
+                    )  # fmt: skip
+                    polished = True
         mult = np.array(mult)
         mult.flags.writeable = False
         result = Equilibrium(
             structure=self.structure,
             state=state,
             multipliers=mult,
-            energy=energy,
+            energy=float(energy),
             residual=residual,
             inertia=self.plain.inertia,
             iterations=len(self.history) - 1,
@@ -556,8 +634,15 @@ class _Solver:
     def stable(self) -> Equilibrium:
         """Descend to a minimum."""
         previous = math.inf
+        origin = self.state
         for _ in range(self.max_iterations):
             self.evaluate()
+            if self.magnitude(self.structure.difference(origin, self.state)) > 1e8:
+                raise self.fail(
+                    "the unknowns have grown by more than 1e8 times their typical size: the energy "
+                    "has no minimum on this side (a load beyond the limit), or the typical size is "
+                    "wrong"
+                )
             dx, dmult, correction, settled = self.correction_at_hand()
             at_floor = self.residual <= self.noise
             stalled = at_floor and not correction < 0.5 * previous
@@ -577,16 +662,36 @@ class _Solver:
                     )
                 previous = math.inf
                 continue
-            least = 0.0
-            for _attempt in range(8):
+            least = self.damping
+            for attempt in range(8):
                 factor, shift = self.regular(least)
                 if factor is not self.plain or dx is None or dmult is None:
                     sx, sm = factor.solve(-self.gradient, -self.constraints)
                 else:
                     sx, sm = dx, dmult
-                if self.newton(factor, shift, sx, sm) > 0:
+                factor, shift, sx, sm = self.shorten(factor, shift, sx, sm)
+                if (
+                    attempt == 0
+                    and self.plain is not None
+                    and self.plain.index > 0
+                    and self.magnitude(sx) < 1e-2
+                    and self.escapes < 30
+                ):  # near a saddle: do not converge to it first
+                    self.escapes += 1
+                    if self.leave_saddle():
+                        break
+                step = self.newton(factor, shift, sx, sm)
+                if step > 0:
+                    # A short step tells that the model is poor at the distance of the correction.
+                    bend = self.curvature(shift, sx)
+                    if step < 0.1:
+                        self.damping = max(10 * shift, bend)
+                    else:
+                        self.damping = 0.1 * shift if shift > 0.1 * bend else 0.0
+                    if step == 1.0 and self.magnitude(sx) > 0.1 * self.far:
+                        self.far *= 2.0
                     break
-                least = max(10 * shift, 4 * self.last_shift)
+                least = max(10 * shift, 4 * self.last_shift, self.curvature(shift, sx))
             else:
                 if self.residual <= 1e3 * self.noise and self.plain and self.plain.is_minimum:
                     return self.finish(dx, dmult, correction)
@@ -653,7 +758,8 @@ def _estimate_multipliers(structure: Structure, state: Any) -> Array:
         return zero  # the first iteration reports it
     metric = np.asarray(structure.metric(state), dtype=float)
     stiffness = evaluation.kkt.magnitude(np.ones(structure.size), zero)[0] / metric
-    shift = 1e5 * max(float(np.max(stiffness)), 1e-300)
+    largest = float(np.max(stiffness))
+    shift = 1e5 * largest if largest > 0 else 1.0
     try:
         factor = evaluation.kkt.factorize(shift, None, metric)
         return factor.solve(-evaluation.gradient)[1]

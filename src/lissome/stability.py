@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import FactorizationError, InvalidInput, NotConverged
 from .factorization import Factorization, KKTMatrix
 
-__all__ = ["Spectrum", "lowest_mode", "nearest_eigenvalue", "smallest_eigenvalue"]
+__all__ = ["Spectrum", "lowest_mode", "nearest_eigenvalue", "smallest_eigenvalue", "softest_mode"]
 
 Array = NDArray[np.float64]
 
@@ -48,17 +48,20 @@ def _start_vector(n: int, seed: int = 0) -> Array:
     return np.random.default_rng(20 + seed).standard_normal(n)
 
 
-def nearest_eigenvalue(
-    kkt: KKTMatrix, factor: Factorization, metric: Array, noise: float
-) -> tuple[float, float]:
-    """Return a bound of the size of the eigenvalue nearest to zero, and its round-off floor.
+def softest_mode(
+    kkt: KKTMatrix, factor: Factorization, metric: Array
+) -> tuple[float, Array, Array]:
+    """Return a bound of the size of the eigenvalue nearest to zero, its mode and its multipliers.
 
     Three inverse iterations: the bound is sharp when the eigenvalue is far below the others, which
     is when it matters, and never smaller than the eigenvalue itself.
 
     Returns
     -------
-    size, floor : float
+    size : float
+    mode : ndarray, shape (n,)
+        Of unit length in the metric.
+    multipliers : ndarray, shape (m,)
     """
     v = _start_vector(kkt.n)
     v /= math.sqrt(float(v @ (metric * v)))
@@ -67,10 +70,21 @@ def nearest_eigenvalue(
         w, mult = factor.solve(metric * v)
         norm = math.sqrt(float(w @ (metric * w)))
         if norm == 0.0:
-            return math.inf, 0.0  # the constraints leave no motion
+            return math.inf, np.zeros(kkt.n), mult  # the constraints leave no motion
         v, mult = w / norm, mult / norm
-    force, _ = kkt.magnitude(v, mult)
-    return 1.0 / norm, noise * float(np.abs(v) @ force)
+    return 1.0 / norm, v, mult
+
+
+def nearest_eigenvalue(
+    kkt: KKTMatrix, factor: Factorization, metric: Array, noise: float
+) -> tuple[float, float]:
+    """Return a bound of the size of the eigenvalue nearest to zero, and its round-off floor.
+
+    The floor is that of the matrix; what rounding errors of the state add is not in it.
+    """
+    size, mode, mult = softest_mode(kkt, factor, metric)
+    terms, _ = kkt.magnitude(mode, mult)
+    return size, noise * float(np.abs(mode) @ terms)
 
 
 def _lanczos(
@@ -124,17 +138,6 @@ def _lanczos(
     return ritz, u.T @ basis
 
 
-def _lowest(
-    kkt: KKTMatrix, factor: Factorization, shift: float, metric: Array, count: int, tolerance: float
-) -> tuple[Array, Array]:
-    """Return the lowest eigenvalues and modes, given factors at a shift that makes all positive."""
-    n = kkt.n
-    zero = np.zeros(kkt.m)
-    modes = np.zeros((0, n))
-    inverse, modes = _lanczos(factor, metric, count, modes, 0, tolerance)
-    return _rayleigh(kkt, metric, modes, zero)
-
-
 def _rayleigh(kkt: KKTMatrix, metric: Array, modes: Array, zero: Array) -> tuple[Array, Array]:
     """Return the eigenvalues of the second variation on the span of `modes`, ascending."""
     images = np.array([kkt.apply(v, zero)[0] for v in modes]).reshape(modes.shape)
@@ -148,11 +151,10 @@ def _rayleigh(kkt: KKTMatrix, metric: Array, modes: Array, zero: Array) -> tuple
     return values, modes
 
 
-def lowest_mode(
-    kkt: KKTMatrix, factor: Factorization, shift: float, metric: Array
-) -> tuple[float, Array]:
+def lowest_mode(kkt: KKTMatrix, factor: Factorization, metric: Array) -> tuple[float, Array]:
     """Return the lowest eigenvalue and its mode, roughly, given factors with right inertia."""
-    values, modes = _lowest(kkt, factor, shift, metric, 1, 1e-3)
+    _, modes = _lanczos(factor, metric, 1, np.zeros((0, kkt.n)), 0, 1e-3)
+    values, modes = _rayleigh(kkt, metric, modes, np.zeros(kkt.m))
     return float(values[0]), modes[0]
 
 
