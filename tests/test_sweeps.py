@@ -6,6 +6,7 @@ import functools
 import itertools
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -290,46 +291,98 @@ def test_modules_of_the_user_are_followed(tmp_path):
     assert script(tmp_path, code) == [[8, 11], 2]
 
 
-def environment():
-    source = str(Path(lissome.__file__).parents[1])
+def environment(path=None):
+    source = str(path or Path(lissome.__file__).parents[1])
     return {**os.environ, "PYTHONPATH": source, "PYTHONDONTWRITEBYTECODE": "1"}
 
 
-def script(folder, code, name="script.py"):
-    (folder / name).write_text(textwrap.dedent(code))
+def script(folder, code, *arguments, path=None):
+    (folder / "script.py").write_text(textwrap.dedent(code))
     done = subprocess.run(
-        [sys.executable, name], cwd=folder, env=environment(), capture_output=True, text=True
+        [sys.executable, "script.py", *arguments],
+        cwd=folder,
+        env=environment(path),
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def test_the_librarys_sources_and_versions_are_part_of_the_key(monkeypatch):
-    from lissome import _work
+def test_the_librarys_sources_and_versions_are_part_of_the_key(tmp_path):
+    copy = tmp_path / "lissome"
+    shutil.copytree(
+        Path(lissome.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__")
+    )
+    code = """
+        import importlib.metadata, json, lissome, sys
+        if len(sys.argv) > 1:
+            version = importlib.metadata.version
+            importlib.metadata.version = lambda n: "0.0" if n == sys.argv[1] else version(n)
+        frame = lissome.sweep(lambda x: x, {"x": [1, 2]}, "serial", "cache")
+        print(json.dumps([lissome.__file__, frame.attrs["sweep"]["computed"]]))
+    """
+    for expected, version in ((2, ""), (0, ""), (2, "scipy"), (0, "scipy"), (0, "")):
+        where, computed = script(tmp_path, code, *version.split(), path=tmp_path)
+        assert Path(where).parent == copy
+        assert computed == expected
+    with open(copy / "_version.py", "a") as file:
+        file.write("# edited\n")
+    assert script(tmp_path, code, path=tmp_path)[1] == 2
 
-    def work(x):
-        return x
 
-    points = [{"x": 1.0}, {"x": 2.0}]
-    before = _work.keys(work, points)
-    assert before == _work.keys(work, points)
-    assert len(set(before)) == 2
-    real = Path.read_bytes
+def test_a_library_edited_under_a_running_process_is_not_cached(tmp_path):
+    copy = tmp_path / "lissome"
+    shutil.copytree(
+        Path(lissome.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__")
+    )
+    code = """
+        import json, lissome, warnings
+        from pathlib import Path
+        def f(x):
+            if x == 2:
+                with open(Path(lissome.__file__).with_name("_version.py"), "a") as file:
+                    file.write("# edited\\n")
+            return x
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            Path(lissome.__file__).touch()
+            one = lissome.sweep(f, {"x": [1, 2, 3]}, "serial", "cache")
+            two = lissome.sweep(f, {"x": [1]}, "serial", "cache")
+        print(json.dumps([[w.category.__name__ for w in caught], len(list(Path("cache").iterdir())),
+                          one["value"].tolist(), two["value"].tolist()]))
+    """
+    assert script(tmp_path, code, path=tmp_path) == [["CacheWarning"] * 2, 1, [1, 2, 3], [1]]
 
-    def edited(self):
-        return real(self) + (b"\n# edited" if self.name == "errors.py" else b"")
 
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "read_bytes", edited)
-        assert not set(before) & set(_work.keys(work, points))
-    version = _work.importlib.metadata.version
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            _work.importlib.metadata, "version", lambda n: "0.0" if n == "scipy" else version(n)
-        )
-        assert not set(before) & set(_work.keys(work, points))
-    assert before == _work.keys(work, points)
+def test_workers_never_run_other_code_than_this_process(tmp_path):
+    mine = tmp_path / "mine.py"
+    mine.write_text("def g(x):\n    return x * 2\n")
+    code = """
+        import importlib, json, lissome, mine
+        from pathlib import Path
+        results = []
+        def run(executor=None):
+            try:
+                results.append(lissome.sweep(mine.g, {"x": [1]}, executor)["value"].tolist())
+            except lissome.SweepFailed as error:
+                results.append(str(error))
+        if __name__ == "__main__":
+            run()
+            Path("mine.py").write_text("def g(x):\\n    return x * 30\\n")
+            run()  # neither side has read the file again
+            importlib.reload(mine)
+            run()  # this process has: the workers are replaced
+            Path("mine.py").write_text("def g(x):\\n    return x * 400\\n")
+            import loky
+            loky.get_reusable_executor().shutdown(kill_workers=True)
+            run()  # new workers read what this process does not know yet
+            print(json.dumps(results))
+    """
+    first, second, third, fourth = script(tmp_path, code)
+    assert (first, second, third) == ([2], [2], [30])
+    assert "mine.g was edited" in fourth
 
 
 def test_what_cannot_be_followed_is_refused_only_with_a_cache(tmp_path):
@@ -498,13 +551,16 @@ def test_an_interrupted_sweep_goes_on_where_it_was(tmp_path, how, executor):
 
 
 def test_a_worker_that_dies_is_reported_and_the_finished_points_are_kept(tmp_path):
+    folder = str(tmp_path)
+
     def mortal(n):
         import os
         import time
 
-        if n == 3:
-            time.sleep(0.5)
-            os._exit(1)
+        while n == 3:  # die when all others are stored
+            time.sleep(0.05)
+            if sum(name.endswith(".json") for name in os.listdir(folder)) == 3:
+                os._exit(1)
         return n
 
     with pytest.raises(SweepFailed, match=r"(?s)worker process died.*stored; run again") as caught:

@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 
+from ._sources import Witness, differing_function, differing_source
 from .errors import InvalidInput
 
-__all__ = ["DamagedEntry", "Failure", "Result", "ResultStore", "run_point"]
+__all__ = ["Asker", "DamagedEntry", "Failure", "Result", "ResultStore", "Stale", "run_point"]
 
 _FORMAT = 1
 _STORABLE = "biufcUMm"  # kinds of numpy types that a .npz file holds without pickle
@@ -53,22 +54,50 @@ class Failure:
     exception: BaseException | None
 
 
+@dataclass(frozen=True)
+class Stale:
+    """A worker process has other code than the process that asks it."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Asker:
+    """The process that asks for points, and the code that it has."""
+
+    process: int
+    sources: dict[str, str]
+    witnesses: tuple[Witness, ...]
+
+
 def run_point(
-    function: Callable[..., Any], point: Mapping[str, Any], parent: int
-) -> Result | Failure:
+    function: Callable[..., Any], point: Mapping[str, Any], asker: Asker
+) -> Result | Failure | Stale:
     """Call `function` at `point`; return what it returns, or how it failed.
 
-    In a process other than `parent` the BLAS libraries are limited to one thread: the executor is
-    the only source of parallelism, and sums have one order.
+    In another process than the asker's the code is compared first, and the BLAS libraries are
+    limited to one thread: the executor is the only source of parallelism, and sums have one order.
     """
-    if os.getpid() != parent:
+    elsewhere = os.getpid() != asker.process
+    if elsewhere:
+        name = differing_function(asker.witnesses)
+        if name is not None:
+            return Stale(name)
         _limit_threads()
+    outcome = _call(function, point)
+    if elsewhere:
+        name = differing_source(asker.sources)  # now that the function has imported what it needs
+        if name is not None:
+            return Stale(name)
+    return outcome
+
+
+def _call(function: Callable[..., Any], point: Mapping[str, Any]) -> Result | Failure:
     try:
         return canonical(function(**point), point)
     except Exception as error:
-        name = type(error).__qualname__
         trace = "".join(traceback.format_exception(error))
-        return Failure(f"{name}: {error}", trace, _portable(error))
+        return Failure(f"{type(error).__qualname__}: {error}", trace, _portable(error))
 
 
 _modules_seen = 0

@@ -15,12 +15,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from ._fingerprint import Digest, NoFingerprint, name_of
+from ._sources import Witness, code_witness, library_digest
 from .errors import InvalidInput
 
-__all__ = ["keys"]
+__all__ = ["Work"]
 
 # Attributes of classes that say nothing of what their instances do.
 _SILENT = frozenset(
@@ -65,48 +64,50 @@ def _generated(kind: type, name: str, member: Any) -> bool:
     )
 
 
-def keys(function: Callable[..., Any], points: list[dict[str, Any]]) -> list[str]:
-    """Return for each point the digest of all that its result depends on."""
-    digest = _WorkDigest()
-    try:
-        digest.add(_library_digest())
-        digest.add(function)
-    except NoFingerprint as reason:
-        raise InvalidInput(
-            f"argument `cache` is set, but it cannot be told when `function` changes: it depends "
-            f"on {reason}. Make that inside the function from its arguments, import modules at "
-            "the top, or pass cache=None"
-        ) from None
-    work = digest.hexdigest()
-    found = []
-    for point in points:
+class Work:
+    """The function of a sweep, as seen by the cache and by other processes.
+
+    Attributes
+    ----------
+    witnesses : tuple
+        The functions that worker processes import for themselves; see `differing_function`.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
         digest = _WorkDigest()
+        self._digest: str | None = None
+        self._reason = ""
         try:
-            digest.add(point)
+            digest.add(library_digest())
+            digest.add(function)
+            self._digest = digest.hexdigest()
         except NoFingerprint as reason:
+            self._reason = str(reason)
+        self.witnesses: tuple[Witness, ...] = tuple(digest.witnesses)
+
+    def keys(self, points: list[dict[str, Any]]) -> list[str]:
+        """Return for each point the digest of all that its result depends on."""
+        if self._digest is None:
             raise InvalidInput(
-                f"argument `cache` is set, but the value of {reason} in the point "
-                f"{point} cannot be told by its content; use numbers, strings, arrays, or "
-                "dataclasses of these, or pass cache=None"
-            ) from None
-        found.append(hashlib.sha256(f"{work}:{digest.hexdigest()}".encode()).hexdigest())
-    return found
-
-
-def _library_digest() -> str:
-    """Digest of every source file of this library and of what it computes with."""
-    hashed = hashlib.sha256()
-    hashed.update(f"{sys.implementation.name} {platform.machine()}".encode())
-    hashed.update(repr(sys.version_info[:2]).encode())
-    for package in ("numpy", "scipy", "numba", "llvmlite"):
-        hashed.update(f"{package} {importlib.metadata.version(package)}".encode())
-    root = Path(__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        with contextlib.suppress(FileNotFoundError):
-            text = path.read_bytes()
-            hashed.update(path.relative_to(root).as_posix().encode())
-            hashed.update(hashlib.sha256(text).digest())
-    return hashed.hexdigest()
+                "argument `cache` is set, but it cannot be told when `function` changes: it "
+                f"depends on {self._reason}. Make that inside the function from its arguments, "
+                "import modules at the top, or pass cache=None"
+            )
+        found = []
+        for point in points:
+            digest = _WorkDigest()
+            try:
+                digest.add(point)
+            except NoFingerprint as reason:
+                raise InvalidInput(
+                    f"argument `cache` is set, but the value of {reason} in the point "
+                    f"{point} cannot be told by its content; use numbers, strings, arrays, or "
+                    "dataclasses of these, or pass cache=None"
+                ) from None
+            found.append(
+                hashlib.sha256(f"{self._digest}:{digest.hexdigest()}".encode()).hexdigest()
+            )
+        return found
 
 
 @functools.cache
@@ -134,6 +135,13 @@ class _WorkDigest(Digest):
 
     def __init__(self, trusted: frozenset[str] = frozenset()) -> None:
         super().__init__(trusted)
+        self.witnesses: list[Witness] = []
+
+    def function(self, function: Any) -> None:
+        witness = code_witness(function)
+        if witness is not None:
+            self.witnesses.append(witness)
+        super().function(function)
 
     def knows(self, module: str) -> bool:
         root = module.partition(".")[0]
@@ -165,7 +173,7 @@ class _WorkDigest(Digest):
                 self.add(content)
 
     def other(self, value: Any) -> None:
-        numba = sys.modules.get("numba")
+        numba, pandas = sys.modules.get("numba"), sys.modules.get("pandas")
         if isinstance(value, types.FunctionType):
             if self.first_time(value):
                 self.function(value)
@@ -203,9 +211,9 @@ class _WorkDigest(Digest):
                 for member in dataclasses.fields(value):
                     self.put("field", member.name)
                     self.add(getattr(value, member.name))
-        elif isinstance(value, (pd.DataFrame, pd.Series)):
+        elif pandas is not None and isinstance(value, (pandas.DataFrame, pandas.Series)):
             self.put("pandas", type(value).__name__)
-            frame = value.reset_index() if isinstance(value, pd.DataFrame) else value.to_frame()
+            frame = value.reset_index() if isinstance(value, pandas.DataFrame) else value.to_frame()
             for name in frame.columns:
                 self.add(name)
                 values = frame[name].to_numpy()

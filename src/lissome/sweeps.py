@@ -22,9 +22,10 @@ import pandas as pd
 import threadpoolctl
 from tqdm import tqdm
 
-from ._points import DamagedEntry, Failure, Result, ResultStore, run_point
+from ._points import Asker, DamagedEntry, Failure, Result, ResultStore, Stale, run_point
+from ._sources import library_changed, library_sources
 from ._validate import one_of
-from ._work import keys
+from ._work import Work
 from .errors import CacheWarning, InvalidInput, SweepFailed
 
 __all__ = ["sweep"]
@@ -128,6 +129,13 @@ def sweep(
     return run.table()
 
 
+class _StaleWorkersError(Exception):
+    def __init__(self, index: int, name: str) -> None:
+        super().__init__(index, name)
+        self.index = index
+        self.name = name
+
+
 class _Run:
     """One sweep: its points, their outcomes, and the store."""
 
@@ -138,6 +146,8 @@ class _Run:
         self.points = points
         self.on_error = on_error
         self.outcomes: dict[int, _Outcome] = {}
+        self._work = Work(function)
+        self._asker = Asker(os.getpid(), library_sources(), self._work.witnesses)
         self.cached = 0
         self._store: ResultStore | None = None
         self._keys: list[str] = []
@@ -159,7 +169,7 @@ class _Run:
             raise InvalidInput(
                 f"argument `cache` is {cache!r}; pass the path of a folder"
             ) from None
-        self._keys = keys(self.function, self.points)
+        self._keys = self._work.keys(self.points)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             probe = folder / f".probe-{os.getpid()}-{os.urandom(4).hex()}"
@@ -170,6 +180,14 @@ class _Run:
                 f"argument `cache` is {os.fspath(cache)!r}, which cannot be written ({error}); "
                 "pass a folder that can, or None"
             ) from error
+        if library_changed():
+            warnings.warn(
+                "source files of the library were edited since this process imported them: this "
+                "sweep neither takes nor stores points; start a new process",
+                CacheWarning,
+                stacklevel=3,
+            )
+            return
         self._store = ResultStore(folder, self.label)
         damaged = []
         for index, key in enumerate(self._keys):
@@ -194,6 +212,8 @@ class _Run:
         self.outcomes[index] = outcome
         if self._store is not None and isinstance(outcome, Result):
             try:
+                if library_changed():
+                    raise OSError("source files of the library were edited in the meantime")
                 self._store.write(self._keys[index], self.label, self.points[index], outcome)
             except OSError as error:
                 self._store = None
@@ -219,7 +239,10 @@ class _Run:
             if executor == "serial":
                 self._serially(pending, bar)
             elif isinstance(executor, concurrent.futures.Executor):
-                self._concurrently(pending, bar, executor)
+                try:
+                    self._concurrently(pending, bar, executor)
+                except _StaleWorkersError as stale:
+                    raise self._stale(stale.index, stale.name) from None
             else:
                 self._in_processes(pending, bar)
         self._raise_first_failure()
@@ -227,7 +250,8 @@ class _Run:
     def _serially(self, pending: list[int], bar: tqdm[Any]) -> None:
         with threadpoolctl.threadpool_limits(limits=1):
             for index in pending:
-                outcome = run_point(self.function, self.points[index], os.getpid())
+                outcome = run_point(self.function, self.points[index], self._asker)
+                assert not isinstance(outcome, Stale)  # there is no other process
                 self.finish(index, outcome)
                 bar.update()
                 if isinstance(outcome, Failure) and self.on_error == "raise":
@@ -240,13 +264,21 @@ class _Run:
             ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
         )
         workers = min(loky.cpu_count(), len(pending))
-        executor = loky.get_reusable_executor(max_workers=workers, env=one, timeout=60)
-        try:
-            self._concurrently(pending, bar, executor)
-        except BaseException as error:
-            if not isinstance(error, Exception):  # an interruption: do not wait for the workers
-                executor.shutdown(wait=False, kill_workers=True)
-            raise
+        for last in (False, True):
+            executor = loky.get_reusable_executor(max_workers=workers, env=one, timeout=60)
+            try:
+                self._concurrently(pending, bar, executor)
+                return
+            except _StaleWorkersError as stale:
+                # They may be left from a former sweep, before a module was reloaded.
+                executor.shutdown(wait=True, kill_workers=True)
+                if last:
+                    raise self._stale(stale.index, stale.name) from None
+                pending = [index for index in pending if index not in self.outcomes]
+            except BaseException as error:
+                if not isinstance(error, Exception):  # an interruption: wait for nothing
+                    executor.shutdown(wait=False, kill_workers=True)
+                raise
 
     def _concurrently(
         self, pending: list[int], bar: tqdm[Any], executor: concurrent.futures.Executor
@@ -254,17 +286,17 @@ class _Run:
         # A short queue keeps all workers busy, and little is in vain if a point fails.
         width = 2 * (getattr(executor, "_max_workers", None) or os.cpu_count() or 1) + 1
         queue = iter(pending)
-        running: dict[concurrent.futures.Future[_Outcome], int] = {}
+        running: dict[concurrent.futures.Future[_Outcome | Stale], int] = {}
         broken: tuple[int, Exception] | None = None
+        stale: _StaleWorkersError | None = None
         # Threads share this process, whose limit is set here; processes set their own.
         with threadpoolctl.threadpool_limits(limits=1):
             try:
                 while broken is None:
                     try:
                         for index in itertools.islice(queue, width - len(running)):
-                            future = executor.submit(
-                                run_point, self.function, self.points[index], os.getpid()
-                            )
+                            point = self.points[index]
+                            future = executor.submit(run_point, self.function, point, self._asker)
                             running[future] = index
                     except RuntimeError as error:  # the executor is broken, or shut down
                         broken = index, error
@@ -281,10 +313,14 @@ class _Run:
                         except Exception as error:  # of the executor: the function's are outcomes
                             broken = broken or (index, error)
                             continue
-                        self.finish(index, outcome)
                         del running[future]
-                        bar.update()
-                        if isinstance(outcome, Failure) and self.on_error == "raise":
+                        if isinstance(outcome, Stale):
+                            stale = _StaleWorkersError(index, outcome.name)
+                        else:
+                            self.finish(index, outcome)
+                            bar.update()
+                        failed = isinstance(outcome, Failure) and self.on_error == "raise"
+                        if failed or stale is not None:
                             queue = iter(())
                             for waiting in [f for f in running if f.cancel()]:
                                 del running[waiting]
@@ -293,9 +329,21 @@ class _Run:
                     future.cancel()
                     finished = future.done() and not future.cancelled()
                     if finished and future.exception() is None:  # in the meantime
-                        self.finish(index, future.result())
+                        outcome = future.result()
+                        if not isinstance(outcome, Stale):
+                            self.finish(index, outcome)
         if broken is not None:
             raise self._broken(*broken) from broken[1]
+        if stale is not None:
+            raise stale
+
+    def _stale(self, index: int, name: str) -> SweepFailed:
+        return SweepFailed(
+            f"worker processes have other code than this process: {name} was edited after one of "
+            "them imported it. Start a new process, and a new executor",
+            point=self.points[index],
+            finished=self._finished(),
+        )
 
     def _broken(self, index: int, error: BaseException) -> SweepFailed:
         """Describe a failure of the executor, not of the function."""
