@@ -16,11 +16,21 @@ from ._version import __version__
 
 # Public name -> module of the package that defines it.
 _EXPORTS: dict[str, str] = {
+    "Branch": "branch",
+    "BranchInterrupted": "branch",
+    "EvolutionInterrupted": "evolution",
+    "Event": "branch",
+    "History": "evolution",
+    "Snap": "evolution",
+    "evolve": "evolution",
+    "follow": "branch",
     "BaseStructure": "structure",
     "DenseStructure": "structure",
     "Equilibrium": "equilibrium",
     "Structure": "structure",
+    "Output": "sensitivities",
     "equilibrate": "equilibrium",
+    "sensitivity": "sensitivities",
     "smallest_eigenvalue": "stability",
     "sweep": "sweeps",
     "LissomeError": "errors",
@@ -38,12 +48,15 @@ _EXPORTS: dict[str, str] = {
 
 # Public modules and packages.
 _SUBMODULES: tuple[str, ...] = (
+    "branch",
     "equilibrium",
     "errors",
+    "evolution",
     "factorization",
     "judges",
     "literature",
     "scoreboard",
+    "sensitivities",
     "stability",
     "structure",
     "sweeps",

@@ -1,0 +1,319 @@
+"""Derivatives of an equilibrium, and of outputs of it, with respect to parameters.
+
+An equilibrium :math:`(x, \\lambda)` of a family of structures solves :math:`g(x, \\lambda, p) = 0` and
+:math:`c(x, p) = 0`. By the implicit function theorem
+
+.. math:: K \\begin{pmatrix} dx/dp \\\\ d\\lambda/dp \\end{pmatrix}
+    = - \\begin{pmatrix} \\partial g/\\partial p \\\\ \\partial c/\\partial p \\end{pmatrix}
+
+with the KKT matrix K that the equilibrium has factored already. The direct mode solves this for each
+parameter; the adjoint mode solves :math:`K a = \\nabla f` for each output f, and
+:math:`df/dp = \\partial f/\\partial p - a \\cdot \\partial (g, c)/\\partial p`. Both cost one solve each,
+not a new equilibrium.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .equilibrium import Equilibrium
+from .errors import InvalidInput
+
+__all__ = ["Output", "Sensitivity", "sensitivity"]
+
+Array = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class Output:
+    """A scalar output of an equilibrium, with the derivatives that are known.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(state, multipliers, parameter)`` returns a number.
+    state_gradient, multiplier_gradient, parameter_gradient : callable, optional
+        Functions of the same arguments that return its partial derivatives, of shapes (n,), (m,) and
+        that of the parameter. Those that are missing are found by central differences of fourth
+        order. The derivative by the parameter includes what moves with prescribed values
+        (``structure.adopt``).
+    """
+
+    function: Callable[[Any, Array, Any], float]
+    state_gradient: Callable[[Any, Array, Any], ArrayLike] | None = None
+    multiplier_gradient: Callable[[Any, Array, Any], ArrayLike] | None = None
+    parameter_gradient: Callable[[Any, Array, Any], ArrayLike] | None = None
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of an equilibrium with respect to k parameters.
+
+    For a parameter that is a number the axis of length k is missing.
+
+    Attributes
+    ----------
+    parameter : float or ndarray, shape (k,)
+        Where.
+    mode : str
+        "direct" or "adjoint".
+    state : ndarray, shape (n, k), or None
+        Derivatives of the state, as tangent vectors at the state (direct mode). With neutral
+        motions: the one that is orthogonal to their generators.
+    multipliers : ndarray, shape (m, k), or None
+        Derivatives of the multipliers (direct mode).
+    outputs : dict
+        Name: derivative, a float or an ndarray of shape (k,).
+    """
+
+    parameter: float | Array
+    mode: str
+    state: Array | None
+    multipliers: Array | None
+    outputs: dict[str, Any]
+
+
+def _difference(function: Callable[[float], Any], step: float) -> Any:
+    """Return the derivative at 0 by central differences of fourth order."""
+    near = np.asarray(function(step)) - np.asarray(function(-step))
+    far = np.asarray(function(2 * step)) - np.asarray(function(-2 * step))
+    return (8.0 * near - far) / (12.0 * step)
+
+
+def _number(name: str, value: Any) -> float:
+    array = np.asarray(value, dtype=float)
+    if array.size != 1:
+        raise InvalidInput(
+            f"the output `{name}` returned an array of shape {array.shape}; it must be a number"
+        )
+    number = float(array.reshape(()))
+    if not np.isfinite(number):
+        raise InvalidInput(f"the output `{name}` returned {number}; it must be finite")
+    return number
+
+
+def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    array = np.asarray(value, dtype=float)
+    if array.shape != shape:
+        raise InvalidInput(f"`{name}` returned an array of shape {array.shape}; it must be {shape}")
+    return array
+
+
+def sensitivity(
+    family: Callable[[Any], Any],
+    parameter: float | ArrayLike,
+    equilibrium: Equilibrium,
+    outputs: Mapping[str, Output | Callable[..., float]] | None = None,
+    mode: Literal["direct", "adjoint"] = "direct",
+    *,
+    residual_derivative: Callable[[Any, Any, Array], tuple[ArrayLike, ArrayLike]] | None = None,
+    step: float | ArrayLike | None = None,
+) -> Sensitivity:
+    """Return derivatives of an equilibrium, and of outputs, with respect to parameters.
+
+    Parameters
+    ----------
+    family : callable
+        Returns the structure of a parameter. All its structures have the same unknowns.
+    parameter : float or array_like, shape (k,)
+        Where; the equilibrium is one of ``family(parameter)``.
+    equilibrium : Equilibrium
+        The equilibrium, of any index.
+    outputs : mapping of str to Output or callable, optional
+        Scalar outputs; a callable takes ``(state, multipliers, parameter)``.
+    mode : {"direct", "adjoint"}
+        "direct" (default) solves once for each parameter, and also gives the derivatives of state
+        and multipliers; "adjoint" solves once for each output: for many parameters.
+    residual_derivative : callable, optional
+        ``residual_derivative(parameter, state, multipliers)`` returns the derivatives of gradient
+        and constraints by the parameter, of shapes (n,) and (m,), or (n, k) and (m, k). Without it,
+        central differences of fourth order of ``family(p).evaluate``.
+    step : float or array_like, shape (k,), optional
+        Step of the differences in the parameter; by default 7e-4 of its size (or of 1 if it is 0).
+
+    Returns
+    -------
+    Sensitivity
+
+    Raises
+    ------
+    InvalidInput
+        If the equilibrium is not one of ``family(parameter)``, or a function returns a wrong shape.
+    FactorizationError
+        If the equilibrium is critical: at a fold it has no derivative.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> def spring(load):
+    ...     return ls.DenseStructure(
+    ...         initial=[0.0],
+    ...         energy=lambda x: 2 * x[0] ** 2 - load * x[0],
+    ...         gradient=lambda x: 4 * x - load,
+    ...         hessian=lambda x: np.array([[4.0]]),
+    ...     )
+    >>> found = ls.equilibrate(spring(3.0))
+    >>> squared = {"squared": lambda state, multipliers, load: state.x[0] ** 2}
+    >>> result = ls.sensitivity(spring, 3.0, found, squared)
+    >>> print(result.state.round(12), round(result.outputs["squared"], 9))
+    [0.25] 0.375
+    """
+    if mode not in ("direct", "adjoint"):
+        raise InvalidInput(f"argument `mode` is {mode!r}; it must be 'direct' or 'adjoint'")
+    point = np.array(parameter, dtype=float)
+    if point.ndim > 1 or not np.all(np.isfinite(point)):
+        raise InvalidInput(
+            f"argument `parameter` is {parameter}; it must be a finite number or vector"
+        )
+    scalar = point.ndim == 0
+    vector = np.atleast_1d(point)
+    k = vector.size
+    steps = np.where(vector != 0, np.abs(vector), 1.0) * EPS**0.2
+    if step is not None:
+        steps = np.broadcast_to(np.asarray(step, dtype=float), (k,))
+        if not np.all(np.isfinite(steps) & (steps > 0)):
+            raise InvalidInput(f"argument `step` is {step}; it must be positive")
+    named: dict[str, Output] = {}
+    for name, given in (outputs or {}).items():
+        named[name] = given if isinstance(given, Output) else Output(given)
+    state, mult = equilibrium.state, equilibrium.multipliers
+    n, m = equilibrium.structure.size, equilibrium.structure.constraints_count
+
+    def argument(i: int, shift: float) -> Any:
+        moved = vector.copy()
+        moved[i] += shift
+        return float(moved[0]) if scalar else moved
+
+    here = family(argument(0, 0.0))
+    if here.size != n or here.constraints_count != m:
+        raise InvalidInput(
+            f"argument `family` returns a structure of {here.size} unknowns and "
+            f"{here.constraints_count} constraints; the equilibrium has {n} and {m}"
+        )
+    balance = here.evaluate(here.adopt(state), mult, 1)
+    kkt = equilibrium.evaluation.kkt
+    assert kkt is not None
+    typical = np.broadcast_to(np.asarray(here.typical(state), dtype=float), (n,))
+    force, closure = kkt.magnitude(typical, mult)
+    if np.any(np.abs(balance.gradient) > 1e-5 * np.max(force)) or np.any(
+        np.abs(balance.constraints) > 1e-5 * np.max(closure, initial=0.0)
+    ):
+        raise InvalidInput(
+            f"argument `equilibrium` is not balanced in family({parameter}); pass the parameter "
+            "at which it was found"
+        )
+
+    # The unbalanced force and constraint that each parameter makes.
+    dg, dc = np.empty((n, k)), np.empty((m, k))
+    if residual_derivative is not None:
+        first, second = residual_derivative(argument(0, 0.0), state, mult)
+        if scalar:
+            dg[:, 0] = _shaped("residual_derivative", first, (n,))
+            dc[:, 0] = _shaped("residual_derivative", second, (m,))
+        else:
+            dg[:] = _shaped("residual_derivative", first, (n, k))
+            dc[:] = _shaped("residual_derivative", second, (m, k))
+    else:
+        for i in range(k):
+
+            def residual(shift: float, i: int = i) -> Array:
+                structure = family(argument(i, shift))
+                e = structure.evaluate(structure.adopt(state), mult, 1)
+                return np.concatenate([e.gradient, e.constraints])
+
+            both = _difference(residual, float(steps[i]))
+            if not np.all(np.isfinite(both)):
+                raise InvalidInput(
+                    f"the residual of `family` is not finite within {2 * steps[i]:.3g} of the "
+                    f"parameter {parameter}; pass a smaller `step`"
+                )
+            dg[:, i], dc[:, i] = both[:n], both[n:]
+
+    factor = equilibrium.factorization
+    results: dict[str, Any] = {}
+
+    def explicit(name: str, output: Output) -> Array:
+        """Return the derivative by the parameters at fixed unknowns."""
+        if output.parameter_gradient is not None:
+            values = output.parameter_gradient(state, mult, argument(0, 0.0))
+            return np.atleast_1d(
+                _shaped(f"{name}: parameter_gradient", values, () if scalar else (k,))
+            )
+        found = np.empty(k)
+        for i in range(k):
+
+            def value(shift: float, i: int = i) -> float:
+                p = argument(i, shift)
+                return _number(name, output.function(family(p).adopt(state), mult, p))
+
+            found[i] = _difference(value, float(steps[i]))
+        return found
+
+    def along(name: str, output: Output, dx: Array, dm: Array) -> float:
+        """Return the derivative of an output along increments of state and multipliers."""
+        p = argument(0, 0.0)
+        total = 0.0
+        if output.state_gradient is not None:
+            total += float(
+                _shaped(f"{name}: state_gradient", output.state_gradient(state, mult, p), (n,)) @ dx
+            )
+        elif np.any(dx):
+            h = EPS**0.2 / float(np.max(np.abs(dx) / typical))
+            total += float(
+                _difference(
+                    lambda t: _number(
+                        name, output.function(equilibrium.structure.retract(state, t * dx), mult, p)
+                    ),
+                    h,
+                )
+            )
+        if output.multiplier_gradient is not None:
+            total += float(
+                _shaped(
+                    f"{name}: multiplier_gradient", output.multiplier_gradient(state, mult, p), (m,)
+                )
+                @ dm
+            )
+        elif np.any(dm):
+            size = float(np.max(np.abs(mult))) or 1.0
+            h = EPS**0.2 * size / float(np.max(np.abs(dm)))
+            total += float(
+                _difference(lambda t: _number(name, output.function(state, mult + t * dm, p)), h)
+            )
+        return total
+
+    def squeezed(values: Array) -> Any:
+        return values[..., 0] if scalar else values
+
+    def finished(values: Array) -> Any:
+        return float(values[0]) if scalar else values
+
+    if mode == "direct":
+        dx, dm = factor.solve(-dg, -dc)
+        for name, output in named.items():
+            moved = [along(name, output, dx[:, i], dm[:, i]) for i in range(k)]
+            results[name] = finished(explicit(name, output) + np.array(moved))
+        return Sensitivity(finished(vector), mode, squeezed(dx), squeezed(dm), results)
+
+    for name, output in named.items():
+        p = argument(0, 0.0)
+        if output.state_gradient is not None:
+            fx = _shaped(f"{name}: state_gradient", output.state_gradient(state, mult, p), (n,))
+        else:
+            fx = np.array([along(name, Output(output.function), e, np.zeros(m)) for e in np.eye(n)])
+        if output.multiplier_gradient is not None:
+            fm = _shaped(
+                f"{name}: multiplier_gradient", output.multiplier_gradient(state, mult, p), (m,)
+            )
+        else:
+            fm = np.array([along(name, Output(output.function), np.zeros(n), e) for e in np.eye(m)])
+        a, b = factor.solve(fx, fm)
+        results[name] = finished(explicit(name, output) - a @ dg - b @ dc)
+    return Sensitivity(finished(vector), mode, None, None, results)
