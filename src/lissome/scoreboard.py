@@ -65,6 +65,21 @@ class Verdict(Enum):
     AWAITS = "awaits data"
     PENDING = "pending"
 
+    @property
+    def glyph(self) -> str:
+        """One character that tells the verdict without color."""
+        return _GLYPHS[self.name]
+
+
+_GLYPHS = {
+    "REPRODUCED": "✓",
+    "CORRECTED": "✎",
+    "DIFFERS": "≠",
+    "UNDETERMINED": "?",
+    "AWAITS": "…",
+    "PENDING": "○",
+}
+
 
 @dataclass(frozen=True)
 class Claim:
@@ -275,7 +290,8 @@ class Record:
     def _repr_html_(self) -> str:
         name = self.verdict.name.lower()
         return (
-            f'<p><span class="verdict verdict-{name}">{html.escape(self.verdict.value)}</span> '
+            f'<p><span class="verdict verdict-{name}">{self.verdict.glyph} '
+            f"{html.escape(self.verdict.value)}</span> "
             f"{html.escape(self.claim.text)}: {html.escape(self.why)}</p>"
         )
 

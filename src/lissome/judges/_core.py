@@ -6,6 +6,7 @@ page says can change a verdict except the numbers themselves.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -238,8 +239,9 @@ def holds(condition: bool, sentence: str) -> Check:
     return Check(Outcome.HOLDS if condition else Outcome.FAILS, sentence)
 
 
-def _short(value: float) -> str:
-    return f"{value:.2g}"
+def _short(value: float, digits: int = 2) -> str:
+    """Return a number in short, with 1e-8 for 1e-08."""
+    return re.sub(r"e([-+]?)0*", lambda e: "e" + e[1].replace("+", ""), f"{value:.{digits}g}")
 
 
 def within(
@@ -251,8 +253,8 @@ def within(
     distance = abs(value - target)
     return holds(
         distance <= tolerance,
-        f"{name} is {shown}{space}, {_short(distance)}{space} from {target:g} "
-        f"(at most {tolerance:g} allowed)",
+        f"{name} is {shown}{space}, {_short(distance)}{space} from {_short(target, 6)} "
+        f"(at most {_short(tolerance, 6)} allowed)",
     )
 
 
@@ -264,7 +266,8 @@ def within_percent(
     shown = rounded(value, spread or abs(target) * percent / 1e4)
     return holds(
         distance <= percent,
-        f"{name} is {shown}, {_short(distance)} % from {target:g} (at most {percent:g} % allowed)",
+        f"{name} is {shown}, {_short(distance)} % from {_short(target, 6)} "
+        f"(at most {_short(percent, 6)} % allowed)",
     )
 
 
@@ -273,7 +276,8 @@ def all_below(name: str, values: Any, limit: float, unit: str = "") -> Check:
     largest = float(np.max(np.abs(values)))
     space = f" {unit}" if unit else ""
     return holds(
-        largest <= limit, f"{name} is at most {_short(largest)}{space} (limit {limit:g}{space})"
+        largest <= limit,
+        f"{name} is at most {_short(largest)}{space} (limit {_short(limit, 6)}{space})",
     )
 
 
@@ -282,7 +286,8 @@ def all_above(name: str, values: Any, limit: float, unit: str = "") -> Check:
     smallest = float(np.min(values))
     space = f" {unit}" if unit else ""
     return holds(
-        smallest > limit, f"{name} is at least {_short(smallest)}{space} (must exceed {limit:g})"
+        smallest > limit,
+        f"{name} is at least {_short(smallest)}{space} (must exceed {_short(limit, 6)})",
     )
 
 
@@ -297,7 +302,7 @@ def decreasing(name: str, values: Any) -> Check:
 
 
 def _listed(values: Any) -> str:
-    texts = [f"{value:.4g}" for value in np.asarray(values, dtype=float)]
+    texts = [_short(value, 4) for value in np.asarray(values, dtype=float)]
     return ", ".join(texts if len(texts) <= 8 else [*texts[:3], "...", *texts[-3:]])
 
 
@@ -335,7 +340,8 @@ def order_of(name: str, sizes: Any, errors: Any, least: float) -> Check:
         )
     order = float(np.log(errors[second] / errors[first]) / np.log(sizes[second] / sizes[first]))
     return holds(
-        order >= least - 0.05, f"{name} vanishes at order {order:.2f} (at least {least:g} expected)"
+        order >= least - 0.05,
+        f"{name} vanishes at order {order:.2f} (at least {_short(least, 6)} expected)",
     )
 
 

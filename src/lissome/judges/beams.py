@@ -10,6 +10,7 @@ from ..errors import InvalidInput
 from ._core import (
     Check,
     Facts,
+    _short,
     all_above,
     all_below,
     decreasing,
@@ -56,7 +57,7 @@ def _ascending(name: str, values: np.ndarray) -> None:
     other_readings=optional(numbers("Lambda with the other thicknesses and depths of the thesis")),
 )
 def lambda_typical(claim: Claim, facts: Facts) -> list[Check]:
-    checks = [within_percent("|Lambda|", abs(facts["value"]), abs(claim.number), 2)]
+    checks = [within_percent("|Λ|", abs(facts["value"]), abs(claim.number), 2)]
     if "other_readings" in facts:
         near = np.abs(np.abs(facts["other_readings"]) / abs(claim.number) - 1) <= 0.02
         listed = ", ".join(f"{value:.3g}" for value in facts["other_readings"])
@@ -129,7 +130,7 @@ def ring_speed_intensity(claim: Claim, facts: Facts) -> list[Check]:
         order_of("the deviation from (3.29)", facts["intensities"], facts["deviations"], 1),
         holds(
             bool(near.all()),
-            f"the deviation is {listed}: independent (at most 5 %) up to Lambda = {largest:g}",
+            f"the deviation is {listed}: independent (at most 5 %) up to Λ = {largest:g}",
         ),
     ]
 
@@ -220,7 +221,7 @@ def _best_angle(claim: Claim, facts: Facts) -> list[Check]:
     return [
         all_below("the uncertainty of the angle", facts.uncertainty, 0.1, "degrees"),
         within("the best angle", facts["value"], claim.number, 0.5, "degrees", facts.uncertainty),
-        all_below("its spread over Lambda", facts["spread"], 1.0, "degrees"),
+        all_below("its spread over Λ", facts["spread"], 1.0, "degrees"),
     ]
 
 
@@ -247,12 +248,12 @@ def strip_reverse(claim: Claim, facts: Facts) -> list[Check]:
         all_above("the drift of the crest towards the light", -facts["crest_drift"], 0.0),
         holds(
             abs(distance) > 1e-8,
-            f"the orbits differ by {distance:.2g}"
+            f"the orbits differ by {_short(distance)}"
             + ("" if abs(distance) > 1e-8 else ": they are the same path, not another one"),
         ),
         holds(
             abs(change) <= 0.05,
-            f"the periods differ by {change:.2g}"
+            f"the periods differ by {_short(change)}"
             + (": they are equal" if abs(change) <= 1e-8 else " (not significant up to 5 %)"),
         ),
     ]
@@ -366,7 +367,7 @@ def snap_time_exponent(claim: Claim, facts: Facts) -> list[Check]:
     changes = np.abs(np.diff(facts["products"][bright]) / np.diff(np.log(facts["light"][bright])))
     return [
         within("the slope from 20 times the critical light on, at worst,", float(worst), -1, 0.02),
-        decreasing("the change of Lambda T* with log Lambda", changes),
+        decreasing("the change of Λ T* with log Λ", changes),
     ]
 
 
