@@ -48,6 +48,7 @@ _EXPORTS: dict[str, str] = {
 
 # Public modules and packages.
 _SUBMODULES: tuple[str, ...] = (
+    "beams",
     "branch",
     "equilibrium",
     "errors",

@@ -1,0 +1,487 @@
+"""Newton corrections close to a known equilibrium, and the linear algebra of a branch.
+
+The correctors here do not look for a minimum: they go to the equilibrium that is next to a good
+guess, whatever its stability, and give up as soon as Newton's corrections do not contract. That is
+what following a branch or a slow evolution asks for. :func:`lissome.equilibrate` finds minima from
+afar.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .equilibrium import Equilibrium, Iteration
+from .errors import FactorizationError, LissomeError
+from .factorization import Factorization, KKTMatrix
+from .structure import Evaluation
+
+Array = NDArray[np.float64]
+Family = Callable[[float], Any]
+EPS = float(np.finfo(float).eps)
+
+#: Corrections (relative to the typical size of the unknowns) at which an iterate is accepted. The
+#: last one is applied, so that the error is of the order of its square.
+TOLERANCE = 1e-8
+#: Largest ratio of successive corrections.
+CONTRACTION = 0.5
+
+
+class CorrectionFailed(LissomeError):
+    """Newton's corrections do not contract from this guess: the step is too long."""
+
+
+@dataclass(frozen=True)
+class Balanced:
+    """An equilibrium of any index, with the factors of its KKT matrix.
+
+    Attributes
+    ----------
+    structure, state, multipliers
+        The equilibrium.
+    evaluation : Evaluation
+        Of second order, there.
+    residual : float
+        Largest unbalanced force or constraint relative to the terms summed in it.
+    history : tuple of Iteration
+        The corrections.
+    factorization : Factorization
+        Of the KKT matrix at the equilibrium, with gauge rows and without shift.
+    """
+
+    structure: Any
+    state: Any
+    multipliers: Array
+    evaluation: Evaluation = field(repr=False)
+    residual: float
+    factorization: Factorization = field(repr=False)
+    history: tuple[Iteration, ...] = field(repr=False)
+
+    @property
+    def energy(self) -> float:
+        """Potential energy."""
+        return self.evaluation.energy
+
+    @property
+    def iterations(self) -> int:
+        """Number of corrections."""
+        return len(self.history) - 1
+
+    @property
+    def correction(self) -> float:
+        """Relative size of the last correction that Newton's method asked for."""
+        return self.history[-1].correction
+
+    @property
+    def index(self) -> int:
+        """Number of unstable directions."""
+        return self.factorization.index
+
+    @property
+    def marginal(self) -> bool:
+        """Whether rounding errors hide the sign of a pivot."""
+        return self.factorization.inertia[2] > 0
+
+    @property
+    def stable(self) -> bool:
+        """Whether the inertia is that of a strict minimum."""
+        return self.factorization.is_minimum
+
+
+def typical_size(structure: Any, state: Any) -> Array:
+    """Return the typical size of each unknown."""
+    return np.broadcast_to(np.asarray(structure.typical(state), dtype=float), (structure.size,))
+
+
+def gauge_of(structure: Any, state: Any) -> Array | None:
+    """Return the generators of neutral motions, or None if there are none."""
+    rows = np.asarray(structure.gauge(state), dtype=float)
+    return rows if rows.shape[0] else None
+
+
+def relative_residual(
+    structure: Any, state: Any, multipliers: Array, evaluation: Evaluation, kkt: KKTMatrix
+) -> float:
+    """Return the largest unbalanced force or constraint relative to the terms summed in it.
+
+    The sizes of the terms come from the matrix `kkt`, which may be that of a neighboring state.
+    """
+    terms = kkt.magnitude(typical_size(structure, state), multipliers)
+    worst = 0.0
+    for values, sizes in zip((evaluation.gradient, evaluation.constraints), terms, strict=True):
+        assert values is not None
+        if values.size:
+            sizes = np.maximum(sizes, EPS * np.max(sizes))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = np.where(values == 0, 0.0, np.abs(values) / sizes)
+            worst = max(worst, float(np.max(ratio)))
+    return worst
+
+
+def _evaluate(structure: Any, state: Any, multipliers: Array) -> tuple[Any, Factorization]:
+    evaluation = structure.evaluate(state, multipliers, 2)
+    finite = np.isfinite(evaluation.energy) and np.all(np.isfinite(evaluation.gradient))
+    if not finite or not np.all(np.isfinite(evaluation.constraints)):
+        raise CorrectionFailed("the energy or its gradient is not finite")
+    try:
+        factors = evaluation.kkt.factorize(gauge=gauge_of(structure, state))
+    except FactorizationError as error:
+        raise CorrectionFailed(str(error)) from error
+    return evaluation, factors
+
+
+def correct(
+    structure: Any,
+    state: Any,
+    multipliers: Array,
+    *,
+    tolerance: float = TOLERANCE,
+    polish: bool = False,
+    max_iterations: int = 12,
+) -> Balanced:
+    """Correct a guess at a fixed parameter.
+
+    With `polish`, corrections go on until rounding errors are all that is left.
+
+    Raises
+    ------
+    CorrectionFailed
+        If the corrections do not contract, leave the domain, or meet a singular matrix.
+    """
+
+    def newton(evaluation: Any, factors: Factorization) -> tuple[Array, Array, float]:
+        dx, dm = factors.solve(-evaluation.gradient, -evaluation.constraints)
+        return dx, dm, 0.0
+
+    balanced, _ = _iterate(lambda p: structure, 0.0, state, multipliers, newton, tolerance,
+                           polish, max_iterations, 1.0)  # fmt: skip
+    return balanced
+
+
+def correct_on_plane(
+    family: Family,
+    parameter: float,
+    state: Any,
+    multipliers: Array,
+    row: tuple[Array, float],
+    slope: tuple[Array, Array],
+    scale: float,
+    *,
+    tolerance: float = TOLERANCE,
+    polish: bool = False,
+    contraction: float = CONTRACTION,
+    max_iterations: int = 12,
+) -> tuple[Balanced, float]:
+    """Correct a guess in state and parameter, orthogonally to a direction.
+
+    Parameters
+    ----------
+    family : callable
+        Parameter to structure.
+    row : (ndarray (n,), float)
+        Covector of the direction: every correction satisfies ``row[0] @ dx + row[1] * dp == 0``.
+    slope : (ndarray (n,), ndarray (m,))
+        Derivatives of gradient and constraints with respect to the parameter. A good approximation
+        will do: it does not change the solution.
+    scale : float
+        Typical size of the parameter.
+    contraction : float
+        Largest ratio of successive corrections.
+
+    Returns
+    -------
+    balanced : Balanced
+    parameter : float
+    """
+
+    def newton(evaluation: Any, factors: Factorization) -> tuple[Array, Array, float]:
+        # Bordering: two solves with the same factors, and a scalar equation for the parameter.
+        rhs_x = np.stack([-evaluation.gradient, -slope[0]], axis=1)
+        rhs_c = np.stack([-evaluation.constraints, -slope[1]], axis=1)
+        dx, dm = factors.solve(rhs_x, rhs_c)
+        denominator = row[0] @ dx[:, 1] + row[1]
+        if denominator == 0.0 or not np.isfinite(denominator):
+            raise CorrectionFailed("the plane of corrections contains the branch")
+        dp = -(row[0] @ dx[:, 0]) / denominator
+        return dx[:, 0] + dp * dx[:, 1], dm[:, 0] + dp * dm[:, 1], float(dp)
+
+    return _iterate(
+        family, parameter, state, multipliers, newton, tolerance, polish, max_iterations, scale,
+        contraction,
+    )  # fmt: skip
+
+
+def _iterate(
+    family: Family,
+    parameter: float,
+    state: Any,
+    multipliers: Array,
+    newton: Callable[[Any, Factorization], tuple[Array, Array, float]],
+    tolerance: float,
+    polish: bool,
+    max_iterations: int,
+    scale: float,
+    contraction: float = CONTRACTION,
+) -> tuple[Balanced, float]:
+    structure = family(parameter)
+    size = typical_size(structure, state)
+    noise = float(structure.noise(state))
+    history: list[Iteration] = []
+    previous = np.inf
+    for number in range(max_iterations + 1):
+        evaluation, factors = _evaluate(structure, state, multipliers)
+        residual = relative_residual(structure, state, multipliers, evaluation, evaluation.kkt)
+        contracts = True
+        if factors.inertia[2]:
+            if residual > noise:
+                raise CorrectionFailed("the KKT matrix is singular to working precision")
+            correction = 0.0  # balanced to rounding; Newton's correction has no meaning here
+            done = True
+        else:
+            dx, dm, dp = newton(evaluation, factors)
+            correction = max(float(np.max(np.abs(dx) / size)), abs(dp) / scale)
+            if not np.isfinite(correction):
+                raise CorrectionFailed("a correction is not finite")
+            contracts = correction <= contraction * previous
+            # Where corrections cease to contract, rounding errors must be all that is left.
+            floor = residual <= noise
+            done = (floor and not contracts) or (
+                correction <= tolerance and (floor or not polish or not contracts)
+            )
+        history.append(
+            Iteration(
+                number,
+                evaluation.energy,
+                residual,
+                correction,
+                0.0,
+                0.0 if done else 1.0,
+                factors.inertia,
+                "accepted" if done else "newton",
+            )
+        )
+        if done:
+            if correction > 0.0 and not polish:
+                last = _with_last_correction(
+                    family,
+                    parameter,
+                    structure,
+                    state,
+                    multipliers,
+                    dx,
+                    dm,
+                    dp,
+                    residual,
+                    evaluation.kkt,
+                )
+                if last is not None:
+                    structure, state, multipliers, parameter, energy, residual = last
+                    evaluation = replace(evaluation, energy=energy)
+            balanced = Balanced(
+                structure, state, multipliers, evaluation, residual, factors, tuple(history)
+            )
+            return balanced, parameter
+        if not contracts:
+            raise CorrectionFailed(
+                f"corrections do not contract: {correction:.3g} after {previous:.3g}"
+            )
+        if structure.max_step(state, dx) < 1.0:
+            raise CorrectionFailed("a correction would leave the domain of the energy")
+        previous = correction
+        if dp != 0.0:
+            parameter += dp
+            structure = family(parameter)
+            state = structure.adopt(state)
+        state = structure.retract(state, dx)
+        multipliers = multipliers + dm
+    raise CorrectionFailed(f"no convergence in {max_iterations} corrections")
+
+
+def _with_last_correction(
+    family: Family,
+    parameter: float,
+    structure: Any,
+    state: Any,
+    multipliers: Array,
+    dx: Array,
+    dm: Array,
+    dp: float,
+    residual: float,
+    kkt: KKTMatrix,
+) -> tuple[Any, Any, Array, float, float, float] | None:
+    """Return the iterate after a correction so small that the matrix need not be made anew.
+
+    None if it would not be better balanced, because rounding errors are all that is left.
+    """
+    if structure.max_step(state, dx) < 1.0:
+        return None
+    if dp != 0.0:
+        parameter += dp
+        structure = family(parameter)
+        state = structure.adopt(state)
+    state = structure.retract(state, dx)
+    multipliers = multipliers + dm
+    evaluation = structure.evaluate(state, multipliers, 1)
+    if not np.isfinite(evaluation.energy):
+        return None
+    left = relative_residual(structure, state, multipliers, evaluation, kkt)
+    if not left < residual:
+        return None
+    return structure, state, multipliers, parameter, evaluation.energy, left
+
+
+def residual_slope(
+    family: Family, parameter: float, state: Any, multipliers: Array, scale: float
+) -> tuple[Array, Array]:
+    """Return the derivatives of gradient and constraints with respect to the parameter.
+
+    Central differences of the family, of second order; prescribed support values move along.
+    """
+    h = EPS ** (1.0 / 3.0) * max(abs(parameter), scale)
+    ahead, back = parameter + h, parameter - h
+    values = []
+    for p in (ahead, back):
+        structure = family(p)
+        values.append(structure.evaluate(structure.adopt(state), multipliers, 1))
+    width = ahead - back
+    return (
+        (values[0].gradient - values[1].gradient) / width,
+        (values[0].constraints - values[1].constraints) / width,
+    )
+
+
+def critical_modes(
+    balanced: Balanced, count: int, guess: Array | None = None, iterations: int = 12
+) -> tuple[Array, Array]:
+    """Return the eigenvalues of smallest size, and their modes, by inverse iteration.
+
+    The eigenvalues are those of the second variation on the motions that the constraints admit, in
+    the structure's metric; near a loss of stability they are separated from all others, so that
+    few iterations suffice.
+
+    Returns
+    -------
+    values : ndarray, shape (count,)
+    modes : ndarray, shape (count, n)
+        Orthonormal in the metric.
+    """
+    n = balanced.factorization.n
+    if guess is None:
+        metric = np.asarray(balanced.structure.metric(balanced.state), dtype=float)
+        block = np.random.default_rng(0).standard_normal((min(count + 1, n), n)) / np.sqrt(metric)
+    else:
+        block = np.asarray(guess, dtype=float)
+    values, modes = _inverse_iteration(balanced, block, count, iterations)
+    return values[:count], _with_sign(modes[:count])
+
+
+def lowest_of_stable(balanced: Balanced, guess: Array) -> tuple[float, Array, float] | None:
+    """Return the smallest eigenvalue of a stable equilibrium, from the lowest modes of a neighbor.
+
+    The inertia at a shift just below the result confirms that no eigenvalue is smaller.
+
+    Returns
+    -------
+    value : float
+    modes : ndarray, shape (k, n)
+        The guess of the next neighbor.
+    floor : float
+        Round-off error of the value.
+
+    or None if the guess was not good enough, or the matrix cannot be factored.
+    """
+    structure, kkt = balanced.structure, balanced.evaluation.kkt
+    assert kkt is not None
+    try:
+        values, modes = _inverse_iteration(balanced, guess, 1, 8)
+        value = float(values[0])
+        metric = np.asarray(structure.metric(balanced.state), dtype=float)
+        gauge = gauge_of(structure, balanced.state)
+        terms, _ = kkt.magnitude(modes[0], np.zeros(kkt.m))
+        floor = float(structure.noise(balanced.state)) * float(np.abs(modes[0]) @ terms)
+        below = value - max(1e-6 * abs(value), 4 * floor)
+        if not value > 0 or kkt.factorize(-below, gauge, metric).index != 0:
+            return None
+    except FactorizationError:
+        return None
+    return value, modes, floor
+
+
+def _inverse_iteration(
+    balanced: Balanced, block: Array, count: int, iterations: int
+) -> tuple[Array, Array]:
+    """Return eigenvalues of smallest size and modes, as good as the first `count` have settled."""
+    structure, factors = balanced.structure, balanced.factorization
+    metric = np.asarray(structure.metric(balanced.state), dtype=float)
+    root = np.sqrt(metric)[:, None]
+    columns = np.ascontiguousarray(block.T)
+    k = columns.shape[1]
+    previous = np.zeros(k)
+    values = previous
+    for _ in range(iterations):
+        columns = np.linalg.qr(root * columns)[0] / root
+        image, _ = factors.solve(metric[:, None] * columns, np.zeros((factors.m, k)))
+        small = columns.T @ (metric[:, None] * image)  # inverse of the eigenvalues, projected
+        inverse, rotation = np.linalg.eigh(0.5 * (small + small.T))
+        order = np.argsort(-np.abs(inverse))
+        columns = image @ rotation[:, order]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = 1.0 / inverse[order]
+            settled = np.abs(values - previous) <= 1e-10 * np.abs(values)
+        if np.all(settled[:count]):
+            break
+        previous = values
+    size = np.sqrt(np.einsum("ij,i,ij->j", columns, metric, columns))
+    return values, (columns / np.where(size > 0, size, 1.0)).T
+
+
+def _with_sign(modes: Array) -> Array:
+    """Make the entry of largest size of each mode positive, so that signs are reproducible."""
+    sizes = np.abs(modes)
+    # The first entry within rounding of the largest: a symmetric mode has several.
+    first = np.argmax(sizes >= (1.0 - 1e-6) * sizes.max(axis=1, keepdims=True), axis=1)
+    sign = np.sign(modes[np.arange(modes.shape[0]), first])
+    return modes * np.where(sign == 0.0, 1.0, sign)[:, None]
+
+
+def as_balanced(equilibrium: Equilibrium) -> Balanced:
+    """Return an equilibrium with its factors."""
+    return Balanced(
+        equilibrium.structure, equilibrium.state, equilibrium.multipliers, equilibrium.evaluation,
+        equilibrium.residual, equilibrium.factorization, equilibrium.history,
+    )  # fmt: skip
+
+
+def as_equilibrium(balanced: Balanced, *, factors: bool = False) -> Equilibrium:
+    """Return an :class:`Equilibrium`, of the structure's own subclass if it has one.
+
+    Without `factors` it holds neither matrix nor factors, which are large; they are made anew when
+    they are asked for.
+    """
+    multipliers = np.array(balanced.multipliers)
+    multipliers.flags.writeable = False
+    result = Equilibrium(
+        structure=balanced.structure,
+        state=balanced.state,
+        multipliers=multipliers,
+        energy=balanced.energy,
+        residual=balanced.residual,
+        inertia=balanced.factorization.inertia,
+        iterations=balanced.iterations,
+        stable=balanced.stable,
+        history=balanced.history,
+    )
+    if factors:
+        result.__dict__["evaluation"] = balanced.evaluation
+        result.__dict__["factorization"] = balanced.factorization
+    return present(result)
+
+
+def present(equilibrium: Equilibrium) -> Equilibrium:
+    """Return the structure's own view of an equilibrium, if it has one."""
+    own = getattr(equilibrium.structure, "present", None)
+    return equilibrium if own is None else own(equilibrium)

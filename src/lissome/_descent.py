@@ -1,0 +1,115 @@
+"""From a lost equilibrium down to a stable one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._corrector import EPS, Balanced, CorrectionFailed, correct, typical_size
+from .equilibrium import Equilibrium, equilibrate
+from .errors import LissomeError, NotConverged, StabilityNotResolvable, Unstable
+
+Array = NDArray[np.float64]
+
+# Lengths of the push along the critical mode, relative to the typical size of the unknowns: the
+# least, and the one that is never exceeded.
+_LEAST, _MOST = 1e-4, 0.4
+# States nearer than this (relative) are the same.
+_SAME = 1e-6
+# How far the lost state can have moved while what changes was frozen just beyond.
+_CLOSE = 0.02
+
+
+def distance(structure: Any, one: Any, other: Any) -> float:
+    """Return the largest difference of two states relative to the typical unknowns."""
+    gap = np.abs(structure.difference(one, other)) / typical_size(structure, one)
+    return float(np.max(gap))
+
+
+def descend(
+    structure: Any,
+    before: Balanced,
+    modes: Array,
+    signs: Sequence[int],
+    interrupted: Callable[[str], LissomeError],
+) -> Equilibrium:
+    """Return a stable equilibrium of `structure` below a state that has just lost its stability.
+
+    The state is pushed along the critical mode, with each of `signs` in turn, and the energy is then
+    minimized. A result that is the continuation of the lost state, or that lies higher, is refused.
+
+    Parameters
+    ----------
+    structure : Structure
+        With everything that changes frozen.
+    before : Balanced
+        The last state that was stable.
+    modes : ndarray, shape (k, n)
+        Critical modes; the push is along the first, and then along the others.
+    signs : sequence of int
+        Directions to try along each mode.
+    interrupted : callable
+        Makes the exception from a message.
+    """
+    state = structure.adopt(before.state)
+    top = structure.evaluate(state, before.multipliers, 0).energy
+    size = typical_size(structure, state)
+    kept = _continued(structure, state, before.multipliers)
+    slack = 1e3 * EPS * (abs(top) + abs(before.energy))
+
+    def lagrangian(dx: Array) -> float:
+        here = structure.evaluate(structure.retract(state, dx), before.multipliers, 0)
+        return here.energy + float(before.multipliers @ here.constraints)
+
+    reasons = ["no push along the critical mode lowers the energy"]
+    for mode in modes:
+        unit = mode / float(np.max(np.abs(mode) / size))
+        for sign in signs:
+            for push in _pushes(lambda length, u=sign * unit: lagrangian(length * u)):
+                dx = sign * push * unit
+                if structure.max_step(state, dx) < 1.0:
+                    reasons.append("a push leaves the domain of the energy")
+                    continue
+                try:
+                    after = equilibrate(
+                        structure, structure.retract(state, dx), before.multipliers,
+                        require="stable",
+                    )  # fmt: skip
+                except (NotConverged, Unstable, StabilityNotResolvable) as error:
+                    reasons.append(str(error))
+                    continue
+                if kept is not None and distance(structure, kept, after.state) < _SAME:
+                    reasons.append("the descent came back to the state that it had left")
+                    continue
+                if after.energy > top + slack:
+                    reasons.append("the descent ended at a higher energy")
+                    continue
+                return after
+    raise interrupted(
+        f"no stable state was found below the one that lost its stability ({reasons[-1]}); the "
+        "energy may have no minimum there"
+    )
+
+
+def _pushes(energy: Callable[[float], float]) -> list[float]:
+    """Return lengths to try: first the one that leads farthest down, then shorter and longer ones."""
+    best, lowest = _LEAST, energy(_LEAST)
+    length = 2 * _LEAST
+    while length <= _MOST:
+        value = energy(length)
+        if not value < lowest:
+            break
+        best, lowest, length = length, value, 2 * length
+    return [best, *(other for other in (0.25 * best, 4 * best) if other <= _MOST)]
+
+
+def _continued(structure: Any, state: Any, multipliers: Array) -> Any | None:
+    """Return the equilibrium that continues a state, if there is one close by."""
+    try:
+        kept = correct(structure, state, multipliers).state
+    except CorrectionFailed:
+        return None
+    return kept if distance(structure, state, kept) < _CLOSE else None
