@@ -148,13 +148,16 @@ def quartic_chain(data, x, multipliers, gradient, diagonal, off, constraints, ro
     return energy
 
 
+correct, descend = td.make_solvers(quartic_chain)
+
+
 def test_corrector_converges_quadratically_to_a_minimum():
     n = 30
     rng = np.random.default_rng(5)
     loads = rng.normal(size=n)
     x, multipliers = np.ones(n), np.zeros(1)
     work = td.chain_work(n, 1)
-    result = td.correct(x, multipliers, quartic_chain, (loads, 3.0), 1e-12, 30, 10.0, work)
+    result = correct(x, multipliers, (loads, 3.0), 1e-12, 30, 10.0, work)
     status, steps, _, residual, _, positive, negative, zero, _ = result
     assert status == td.CONVERGED
     assert steps <= 12
@@ -173,15 +176,9 @@ def test_corrector_says_when_it_is_lost():
     work = td.chain_work(5, 1)
     loads = np.zeros(5)
     x = np.full(5, np.nan)
-    assert (
-        td.correct(x, np.zeros(1), quartic_chain, (loads, 0.0), 1e-12, 5, 1.0, work)[0] == td.LOST
-    )
+    assert correct(x, np.zeros(1), (loads, 0.0), 1e-12, 5, 1.0, work)[0] == td.LOST
     x = np.full(5, 1e3)
-    assert (
-        td.correct(x, np.zeros(1), quartic_chain, (loads, 0.0), 1e-12, 5, 1.0, work)[0] == td.LOST
-    )
+    assert correct(x, np.zeros(1), (loads, 0.0), 1e-12, 5, 1.0, work)[0] == td.LOST
     loads = np.arange(5.0)
     x = np.full(5, 10.0)
-    assert (
-        td.correct(x, np.zeros(1), quartic_chain, (loads, 40.0), 1e-300, 2, 1e6, work)[0] == td.SLOW
-    )
+    assert correct(x, np.zeros(1), (loads, 40.0), 1e-300, 2, 1e6, work)[0] == td.SLOW

@@ -23,7 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lissome._compile import jit
+from lissome._compile import jit as _jit
+
+# Zero divisors are excluded by the algorithms; the test in front of every division is not needed.
+jit = _jit(error_model="numpy", no_cfunc_wrapper=True)
 
 # Bunch's constant for tridiagonal matrices balances the growth of 1 x 1 and 2 x 2 pivots.
 _BUNCH = (math.sqrt(5.0) - 1.0) / 2.0
@@ -653,78 +656,318 @@ LOST = 2  # a step beyond the longest one allowed, or a number that is not finit
 
 
 @jit
-def correct(x, multipliers, evaluate, data, tolerance, limit, longest, work):
-    """Newton's method on the stationarity conditions of a scalar chain, from a nearby guess.
+def smallest_eigenpair(masses, work, mode):
+    r"""Smallest constrained eigenvalue :math:`H u = \mu M u`, :math:`J u = 0`, at a stable point.
 
-    (Numba warns about functions that come first among the arguments, so arrays do.)
+    Inverse iteration on the bordered matrix held by ``work``.  The factors in ``work`` are used and
+    overwritten; ``mode`` (n,) receives the eigenvector, :math:`u^T M u = 1`.  The last shift lies
+    below the eigenvalue with no eigenvalue in between, as counted by inertia, so the value is the
+    smallest one.
 
     Parameters
     ----------
-    x, multipliers : ndarray (n,), (m,)
-        Guess; overwritten by the solution.
+    masses : ndarray (n,)
+        Diagonal of :math:`M`.
+    work : ChainWork
+        Holds the derivatives at the point.
+    mode : ndarray (n,)
+
+    Returns
+    -------
+    eigenvalue : float
+        NaN if the point is not stable or the iteration did not converge.
+    """
+    n = masses.size
+    m = work.constraints.size
+    diagonal = work.diagonal.copy()
+    for i in range(n):
+        # Any start with a part along every mode; deterministic.
+        mode[i] = 1.0 + 0.5 * math.cos(1.7 * i) + 0.3 * math.sin(9.0 * (i + 1.0) / n)
+    shift = 0.0
+    value = np.inf
+    low = 0.0
+    result = np.nan
+    for attempt in range(40):
+        for i in range(n):
+            work.diagonal[i] = diagonal[i] - shift * masses[i]
+        raised, _, negative, zero, _ = factorize_work(work)
+        if negative != m or zero != 0:
+            if attempt == 0:
+                break  # not stable
+            shift = 0.5 * (low + shift)  # an eigenvalue lies below: step back
+            continue
+        low = shift
+        converged = False
+        sweeps = 6 if attempt == 0 else 4
+        for _ in range(sweeps):
+            for i in range(n):
+                work.right[i, 0] = masses[i] * mode[i]
+            for j in range(m):
+                work.border[j, 0] = 0.0
+            solve_with(
+                work.pivot,
+                work.coupling,
+                work.lower,
+                work.columns,
+                work.small,
+                work.order,
+                work.kind,
+                raised,
+                work.rows,
+                work.right,
+                work.border,
+                work.values,
+                work.scratch,
+            )
+            norm = 0.0
+            for i in range(n):
+                norm += masses[i] * work.right[i, 0] ** 2
+            norm = math.sqrt(norm)
+            for i in range(n):
+                mode[i] = work.right[i, 0] / norm
+            new = 0.0  # Rayleigh quotient
+            for i in range(n):
+                new += diagonal[i] * mode[i] ** 2
+                if i < n - 1:
+                    new += 2.0 * work.off_diagonal[i] * mode[i] * mode[i + 1]
+            converged = abs(new - value) <= 1e-11 * abs(new) + 1e-13 * abs(diagonal[0])
+            value = new
+        if converged and (attempt > 0):
+            result = value
+            break
+        shift = max(low, value - 0.02 * abs(value - low))
+    for i in range(n):
+        work.diagonal[i] = diagonal[i]
+    return result
+
+
+def make_solvers(evaluate):
+    """Return the compiled functions ``correct`` and ``descend`` for one kind of scalar chain.
+
+    Parameters
+    ----------
     evaluate : compiled function
         ``evaluate(data, x, multipliers, gradient, diagonal, off_diagonal, constraints, rows)``
         fills the derivatives of the Lagrangian (gradient and tridiagonal Hessian), the constraints
         and their gradients, and returns the energy.
-    data : tuple
-        Passed on.
-    tolerance : float
-        On the largest modulus in gradient and constraints; not below their rounding errors.
-    limit : int
-        Newton steps allowed.
-    longest : float
-        Longest step (largest modulus) allowed; beyond it the guess was not near.
-    work : ChainWork
 
     Returns
     -------
-    status : int
-        0 converged, 1 more steps needed, 2 lost.
-    steps : int
-    energy, residual : float
-    raised : float
-        Of the factors in ``work``, which belong to the returned point (if status < 2).
-    positive, negative, zero : int
-        Inertia of the KKT matrix at the returned point: a minimum has ``negative == m``.
-    weakest : float
+    correct, descend : compiled functions
+        See their docstrings.
     """
-    steps = 0
-    energy = 0.0
-    residual = np.inf
-    raised = 0.0
-    positive = 0
-    negative = 0
-    zero = 0
-    weakest = 0.0
-    while True:
-        energy = evaluate(
-            data,
-            x,
-            multipliers,
-            work.gradient,
-            work.diagonal,
-            work.off_diagonal,
-            work.constraints,
-            work.rows,
-        )
-        residual = 0.0
-        finite = True
-        for i in range(x.size):
-            value = abs(work.gradient[i])
-            finite = finite and value < np.inf  # false for nan
-            residual = max(residual, value)
-        for j in range(multipliers.size):
-            value = abs(work.constraints[j])
-            finite = finite and value < np.inf
-            residual = max(residual, value)
-        if not finite:
-            return LOST, steps, energy, np.inf, raised, positive, negative, zero, weakest
-        raised, positive, negative, zero, weakest = factorize_work(work)
-        if residual <= tolerance:
-            return CONVERGED, steps, energy, residual, raised, positive, negative, zero, weakest
-        if steps >= limit:
-            return SLOW, steps, energy, residual, raised, positive, negative, zero, weakest
-        length = newton_step(work, raised, x, multipliers)
-        steps += 1
-        if not length <= longest:
-            return LOST, steps, energy, residual, raised, positive, negative, zero, weakest
+
+    @jit
+    def correct(x, multipliers, data, tolerance, limit, longest, work):
+        """Newton's method on the stationarity conditions of a scalar chain, from a nearby guess.
+
+        Parameters
+        ----------
+        x, multipliers : ndarray (n,), (m,)
+            Guess; overwritten by the solution.
+        data : tuple
+            Passed on.
+        tolerance : float
+            On the largest modulus in gradient and constraints; not below their rounding errors.
+        limit : int
+            Newton steps allowed.
+        longest : float
+            Longest step (largest modulus) allowed; beyond it the guess was not near.
+        work : ChainWork
+
+        Returns
+        -------
+        status : int
+            0 converged, 1 more steps needed, 2 lost.
+        steps : int
+        energy, residual : float
+        raised : float
+            Of the factors in ``work``, which belong to the returned point (if status < 2).
+        positive, negative, zero : int
+            Inertia of the KKT matrix at the returned point: a minimum has ``negative == m``.
+        weakest : float
+        """
+        steps = 0
+        energy = 0.0
+        residual = np.inf
+        raised = 0.0
+        positive = 0
+        negative = 0
+        zero = 0
+        weakest = 0.0
+        while True:
+            energy = evaluate(
+                data,
+                x,
+                multipliers,
+                work.gradient,
+                work.diagonal,
+                work.off_diagonal,
+                work.constraints,
+                work.rows,
+            )
+            residual = 0.0
+            finite = True
+            for i in range(x.size):
+                value = abs(work.gradient[i])
+                finite = finite and value < np.inf  # false for nan
+                residual = max(residual, value)
+            for j in range(multipliers.size):
+                value = abs(work.constraints[j])
+                finite = finite and value < np.inf
+                residual = max(residual, value)
+            if not finite:
+                return LOST, steps, energy, np.inf, raised, positive, negative, zero, weakest
+            raised, positive, negative, zero, weakest = factorize_work(work)
+            if residual <= tolerance:
+                return CONVERGED, steps, energy, residual, raised, positive, negative, zero, weakest
+            if steps >= limit:
+                return SLOW, steps, energy, residual, raised, positive, negative, zero, weakest
+            length = newton_step(work, raised, x, multipliers)
+            steps += 1
+            if not length <= longest:
+                return LOST, steps, energy, residual, raised, positive, negative, zero, weakest
+
+    @jit
+    def descend(x, multipliers, data, masses, tolerance, limit, longest, work):
+        """Descend to a minimum of the energy under the constraints, from anywhere.
+
+        Sequential quadratic steps with the least proximal term ``shift * masses`` that gives the
+        right inertia (so that each step is a direction of descent of the l1 merit function), a line
+        search, and `correct` near the end.  Arguments are those of `correct`, and ``masses`` (n,).
+
+        Returns
+        -------
+        status : int
+            0: a minimum (the inertia is right), 1: the limit of iterations, 2: lost.
+        iterations : int
+        energy, residual : float
+        """
+        n = x.size
+        m = multipliers.size
+        start = np.empty(n)
+        start_multipliers = np.empty(m)
+        gradient = np.empty(n)
+        shift = 0.0
+        penalty = 0.0
+        energy = 0.0
+        residual = np.inf
+        scale = 0.0  # of eigenvalues: the trace of H over that of M, divided by n^2
+        for iteration in range(limit):
+            energy = evaluate(
+                data,
+                x,
+                multipliers,
+                work.gradient,
+                work.diagonal,
+                work.off_diagonal,
+                work.constraints,
+                work.rows,
+            )
+            residual = 0.0
+            violation = 0.0
+            for i in range(n):
+                residual = max(residual, abs(work.gradient[i]))
+            for j in range(m):
+                residual = max(residual, abs(work.constraints[j]))
+                violation += abs(work.constraints[j])
+            if not residual < np.inf:
+                return LOST, iteration, energy, residual
+            if iteration == 0:
+                trace = 0.0
+                total = 0.0
+                for i in range(n):
+                    trace += abs(work.diagonal[i])
+                    total += masses[i]
+                scale = trace / total / (n * n)
+            if residual <= 1e-5:
+                raised, _, negative, zero, _ = factorize_work(work)
+                if negative == m and zero == 0:
+                    for i in range(n):
+                        start[i] = x[i]
+                    for j in range(m):
+                        start_multipliers[j] = multipliers[j]
+                    status, _, energy, residual, _, _, negative, zero, _ = correct(
+                        x, multipliers, data, tolerance, 12, longest, work
+                    )
+                    if status == CONVERGED and negative == m and zero == 0:
+                        return CONVERGED, iteration, energy, residual
+                    for i in range(n):
+                        x[i] = start[i]
+                    for j in range(m):
+                        multipliers[j] = start_multipliers[j]
+                    energy = evaluate(
+                        data,
+                        x,
+                        multipliers,
+                        work.gradient,
+                        work.diagonal,
+                        work.off_diagonal,
+                        work.constraints,
+                        work.rows,
+                    )
+            # Shift until the curvature on the constraints exceeds a margin: near a fold the step
+            # would else be long and its multipliers useless as a penalty.
+            diagonal = work.diagonal.copy()
+            margin = 0.5 * scale
+            shift = 0.25 * shift if shift > 0.5 * margin else 0.0
+            for _ in range(60):
+                for i in range(n):
+                    work.diagonal[i] = diagonal[i] + (shift - margin) * masses[i]
+                _, _, negative, zero, _ = factorize_work(work)
+                if negative == m and zero == 0:
+                    break
+                shift = max(2.0 * shift, margin)
+            for i in range(n):
+                work.diagonal[i] = diagonal[i] + shift * masses[i]
+            raised, _, _, _, _ = factorize_work(work)
+            for i in range(n):
+                start[i] = x[i]
+                gradient[i] = work.gradient[i]
+                for j in range(m):
+                    gradient[i] -= multipliers[j] * work.rows[j, i]
+            for j in range(m):
+                start_multipliers[j] = multipliers[j]
+            length = newton_step(work, raised, x, multipliers)
+            if length <= 1e-9:
+                return (
+                    SLOW,
+                    iteration,
+                    energy,
+                    residual,
+                )  # at a saddle, or where a minimum just vanished
+            slope = 0.0
+            for i in range(n):
+                slope += gradient[i] * (x[i] - start[i])
+            for j in range(m):
+                penalty = max(penalty, 1.5 * abs(multipliers[j]))
+            fraction = min(1.0, longest / length) if length > 0.0 else 1.0
+            merit = energy + penalty * violation
+            descent = slope - penalty * violation
+            full = x.copy()
+            full_multipliers = multipliers.copy()
+            for _ in range(30):
+                for i in range(n):
+                    x[i] = start[i] + fraction * (full[i] - start[i])
+                new = evaluate(
+                    data,
+                    x,
+                    multipliers,
+                    work.gradient,
+                    work.diagonal,
+                    work.off_diagonal,
+                    work.constraints,
+                    work.rows,
+                )
+                for j in range(m):
+                    new += penalty * abs(work.constraints[j])
+                if new <= merit + 1e-4 * fraction * descent + 1e-14 * (1.0 + abs(merit)):
+                    break
+                fraction *= 0.5
+            for j in range(m):
+                multipliers[j] = start_multipliers[j] + fraction * (
+                    full_multipliers[j] - start_multipliers[j]
+                )
+        return SLOW, limit, energy, residual
+
+    return correct, descend

@@ -1,0 +1,40 @@
+"""Strips and rings that bend under light: the photomechanical elastica of chapter 3.
+
+A planar inextensible elastica whose natural curvature relaxes, within the relaxation time of the
+material, to what the light on its lit face asks for. Lengths are in units of the length of the
+elastica, times in relaxation times, energies in units of bending stiffness over length.
+
+Examples
+--------
+>>> import numpy as np
+>>> from lissome import beams
+>>> strip = beams.ClampedStrip(span=0.95, response=+1.0, segments=100)
+>>> history = strip.under(beams.ParallelLight(intensity=10.0, angle=np.pi / 4)).run(until=12.0)
+>>> print(f"{history.period:.2f}")
+3.03
+"""
+
+from ._motion import History, Motion, Period, Snap
+from ._structures import ClampedStrip, Elastica, ElasticaEquilibrium, Ring, Shape
+from ._survey import FirstSnap, Flapping, first_snap, flapping
+from .light import GaussianSpot, Light, ParallelLight, UserLight
+
+__all__ = [
+    "ClampedStrip",
+    "Elastica",
+    "ElasticaEquilibrium",
+    "FirstSnap",
+    "Flapping",
+    "GaussianSpot",
+    "History",
+    "Light",
+    "Motion",
+    "ParallelLight",
+    "Period",
+    "Ring",
+    "Shape",
+    "Snap",
+    "UserLight",
+    "first_snap",
+    "flapping",
+]

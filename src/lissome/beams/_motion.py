@@ -1,0 +1,835 @@
+"""The slow motion of a strip or ring under light: the driver of the compiled time loop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from .._validate import finite, finite_array, integer_at_least, one_of, positive
+from ..errors import InvalidInput, NotConverged
+from . import _kernel
+from ._structures import ClampedStrip, Elastica, Ring, Shape, residual_floor
+from .light import GaussianSpot, Light, ParallelLight, UserLight
+
+__all__ = ["History", "Motion", "Period", "Snap"]
+
+Array = NDArray[np.float64]
+SCHEMES = {
+    "explicit-euler": _kernel.EXPLICIT_EULER,
+    "exponential-1": _kernel.EXPONENTIAL_1,
+    "exponential-2": _kernel.EXPONENTIAL_2,
+}
+DEFAULT_STEP = 0.005
+EVENT_TOLERANCE = 1e-9
+# Steps are shortened where the tangent turns faster than this (radians per relaxation time).
+TURNING = 5.0
+PUSH = 0.05  # radians, along the critical mode of a snap
+SNAP_DISTANCE = 0.05  # radians: a loss of stability that moves the shape less is no jump
+CHUNK = 512
+
+
+class Period(NamedTuple):
+    """Period of a limit cycle.
+
+    Attributes
+    ----------
+    value : float
+        In relaxation times.
+    uncertainty : float
+        Change over the last cycle, and bracket of the snaps. The error of the time step is not in it.
+    snaps : int
+        Snaps per cycle.
+    distance : float
+        Change of the natural curvature over the last cycle, relative to its largest value.
+    """
+
+    value: float
+    uncertainty: float
+    snaps: int
+    distance: float
+
+
+@dataclass(frozen=True)
+class Snap:
+    """A loss of stability at a fixed instant, and what follows at frozen natural curvature.
+
+    Attributes
+    ----------
+    time : float
+        When (relaxation times).
+    uncertainty : float
+        Half of the bracket that holds the instant, for the given time steps.
+    kind : str
+        ``"snap"``: a jump to another shape; ``"bifurcation"``: the shape changes without a jump.
+    before, after : ndarray, shape (k,)
+        Angles before and after.
+    curvature : ndarray, shape (k - 1,)
+        The natural curvature, frozen.
+    mode : ndarray, shape (n,)
+        Critical mode of the unknown angles, of unit L2 norm.
+    eigenvalue : float
+        Smallest eigenvalue of the second variation just before.
+    energy_released : float
+        Bending energy before, minus after.
+    row : int
+        Row of the history with the state before; the state after is in the next one. -1 if the
+        history was not recorded.
+    """
+
+    time: float
+    uncertainty: float
+    kind: str
+    before: Array = field(repr=False)
+    after: Array = field(repr=False)
+    curvature: Array = field(repr=False)
+    mode: Array = field(repr=False)
+    eigenvalue: float
+    energy_released: float
+    row: int = -1
+
+
+class Runner:
+    """Mutable state of a run, and the calls of the compiled loop."""
+
+    def __init__(
+        self,
+        structure: Elastica,
+        light: Light,
+        scheme: int,
+        step: float,
+        initial: Array | None = None,
+        curvature: Array | None = None,
+        time: float = 0.0,
+        eigenvalues: bool = False,
+        event_tolerance: float = EVENT_TOLERANCE,
+    ) -> None:
+        self.structure = structure
+        self.chain = structure.chain
+        k = structure.angles_count
+        self.angles = np.array(structure.start().angles if initial is None else initial)
+        self.curvature = np.array(structure.spontaneous if curvature is None else curvature)
+        self.natural = np.array(structure.at_rest)
+        self.multipliers = np.zeros(2)
+        self.space = _kernel.space_for(self.chain, k)
+        self.work = _kernel.chain_work(structure.size, 2)
+        self.clock = np.zeros(_kernel.CLOCK_SIZE)
+        self.clock[_kernel.COS] = 1.0
+        self.clock[_kernel.TIME] = time
+        self.clock[_kernel.EIGENVALUE] = np.nan
+        hold = structure.hold if isinstance(structure, Ring) else 0.0
+        self.tolerance = residual_floor(structure.segments)
+        self.event_tolerance = event_tolerance
+        self.step = step
+        self.options = _kernel.Options(
+            time, step, scheme, TURNING, self.tolerance, event_tolerance, hold, 0, eigenvalues
+        )
+        gain = structure.response * structure.face(light.side)
+        if isinstance(light, UserLight):
+            self.lamp = _kernel.Lamp(gain, 0.0, 1.0, structure.face(light.side), 0.0, 0.0)
+            self.look: Any = _python_look(structure, light)
+            self.march: Any = _kernel.march.py_func
+        else:
+            self.lamp = _kernel.Lamp(*light._lamp(gain, structure.face(light.side)))
+            self.look = _kernel.look_at_lamp
+            self.march = _kernel.march
+        self.light = light
+
+    @property
+    def time(self) -> float:
+        return float(self.clock[_kernel.TIME])
+
+    @property
+    def unknown(self) -> Array:
+        return self.angles[self.chain.first : self.chain.last]
+
+    @property
+    def data(self) -> tuple[Any, ...]:
+        return (self.chain, self.angles, self.curvature, self.space.sine, self.space.cosine)
+
+    def begin(self) -> None:
+        """Descend from the guess to the first equilibrium."""
+        status, iterations, energy, residual = _kernel.descend(
+            self.unknown,
+            self.multipliers,
+            self.data,
+            self.space.masses,
+            self.tolerance,
+            2000,
+            0.3,
+            self.work,
+        )
+        if status != 0:
+            raise NotConverged(
+                f"no stable shape to begin with: residual {residual:.3g} after {iterations} "
+                "iterations; pass a shape as `initial`",
+                state=Shape(self.angles),
+            )
+        self.clock[_kernel.ENERGY] = energy
+        self.clock[_kernel.RESIDUAL] = residual
+        structure = self.structure
+        if isinstance(structure, ClampedStrip) and structure.rise == 0.0:
+            height = float(np.mean(structure.positions(self.angles)[:, 1]))
+            if (height > 0) != (structure.bump == "up") and structure.end_angles == (0.0, 0.0):
+                raise NotConverged(
+                    f"argument `bump` is {structure.bump!r}, but no stable shape buckled that way "
+                    "was found with this natural curvature; pass the other one"
+                )
+
+    def advance(self, until: float, record_every: int, table: tuple[Array, ...]) -> tuple[int, int]:
+        options = self.options._replace(until=until, record_every=record_every)
+        reason, rows = self.march(
+            self.clock,
+            self.angles,
+            self.curvature,
+            self.multipliers,
+            self.natural,
+            self.chain,
+            self.lamp,
+            self.look,
+            options,
+            self.work,
+            self.space,
+            table,
+        )
+        if reason == _kernel.FAILED:
+            raise NotConverged(
+                f"no stable equilibrium near the shape at t = {self.time:.6g}",
+                state=Shape(self.angles),
+            )
+        return reason, rows
+
+    def rate(self) -> float:
+        """Largest rate of change of the natural curvature."""
+        return float(np.max(np.abs(self.space.target - self.curvature)))
+
+    def smallest_eigenvalue(self) -> float:
+        """Smallest eigenvalue of the second variation at the present equilibrium."""
+        _kernel.correct(self.unknown, self.multipliers, self.data, np.inf, 0, 0.5, self.work)
+        return float(_kernel.smallest_eigenpair(self.space.masses, self.work, self.space.mode))
+
+    def snap(self) -> Snap:
+        """Leave the equilibrium that is being lost."""
+        time = self.time
+        eigenvalue = float(self.clock[_kernel.EIGENVALUE])
+        mode = self.space.mode.copy()
+        if not np.all(np.isfinite(mode)) or not np.any(mode):
+            raise NotConverged(
+                f"the critical mode at t = {time:.6g} could not be found", state=Shape(self.angles)
+            )
+        before = self.angles.copy()
+        delay = 2.0 * self.event_tolerance
+        status, released, distance = _kernel.escape(
+            self.clock,
+            self.angles,
+            self.curvature,
+            self.multipliers,
+            self.space.target,
+            self.chain,
+            self.tolerance,
+            delay,
+            PUSH,
+            self.work,
+            self.space,
+        )
+        if status != 0:
+            raise NotConverged(
+                f"stability is lost at t = {time:.9g}, but the descent from there found no stable "
+                "shape; use more segments or another step",
+                state=Shape(before),
+            )
+        return Snap(
+            time + 0.5 * delay,
+            0.5 * delay,
+            "snap" if distance > SNAP_DISTANCE else "bifurcation",
+            before,
+            self.angles.copy(),
+            self.curvature.copy(),
+            mode,
+            eigenvalue,
+            float(released),
+        )
+
+
+def _python_look(structure: Elastica, light: UserLight) -> Callable[..., None]:
+    s = structure.spring_positions
+    face = structure.face(light.side)
+
+    def look(
+        clock: Array,
+        free: bool,
+        natural: Array,
+        chain: _kernel.Chain,
+        lamp: _kernel.Lamp,
+        angles: Array,
+        space: _kernel.Space,
+        target: Array,
+    ) -> None:
+        if chain.ring:
+            _kernel.roll(
+                clock, free, chain, angles, space.sine, space.cosine, space.x, space.y, space.lean
+            )
+        x, y, theta = structure_points(structure, angles, clock)
+        flux = light.flux(x, y, theta, s, float(clock[_kernel.TIME]))
+        target[:] = natural + structure.response * face * flux
+
+    return look
+
+
+def structure_points(
+    structure: Elastica, angles: Array, clock: Array
+) -> tuple[Array, Array, Array]:
+    """Return position and angle of the tangent at the springs, in the laboratory."""
+    nodes = structure.positions(angles)
+    if structure.spring_positions.size == nodes.shape[0] - 1:  # springs between nodes
+        points = 0.5 * (nodes[1:] + nodes[:-1])
+    else:  # springs at the inner nodes (segment clamps)
+        points = nodes[1:-1]
+    c, s = clock[_kernel.COS], clock[_kernel.SIN]
+    x = c * points[:, 0] - s * points[:, 1] + clock[_kernel.SHIFT_X]
+    y = s * points[:, 0] + c * points[:, 1] + clock[_kernel.SHIFT_Y]
+    theta = 0.5 * (angles[1:] + angles[:-1]) + math.atan2(s, c)
+    return x, y, theta
+
+
+class _Recorder:
+    """Rows of a history, filled by the compiled loop in chunks."""
+
+    def __init__(self, structure: Elastica) -> None:
+        k = structure.angles_count
+        self.chunks: list[tuple[Array, ...]] = []
+        self.kinds: list[str] = []
+        self.table = (
+            np.zeros(CHUNK),
+            np.zeros((CHUNK, k)),
+            np.zeros((CHUNK, k - 1)),
+            np.zeros((CHUNK, 2)),
+            np.zeros((CHUNK, 7)),
+        )
+
+    def take(self, rows: int, kind: str = "step") -> None:
+        if rows:
+            self.chunks.append(tuple(a[:rows].copy() for a in self.table))
+            self.kinds.extend([kind] * rows)
+
+    def row(self, runner: Runner, kind: str, eigenvalue: float) -> int:
+        clock = runner.clock
+        scalars = np.array(
+            [
+                [
+                    clock[_kernel.ENERGY],
+                    clock[_kernel.CONTACT],
+                    eigenvalue,
+                    clock[_kernel.COS],
+                    clock[_kernel.SIN],
+                    clock[_kernel.SHIFT_X],
+                    clock[_kernel.SHIFT_Y],
+                ]
+            ]
+        )
+        self.chunks.append(
+            (
+                np.array([clock[_kernel.TIME]]),
+                runner.angles[None].copy(),
+                runner.curvature[None].copy(),
+                runner.multipliers[None].copy(),
+                scalars,
+            )
+        )
+        self.kinds.append(kind)
+        return len(self.kinds) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A strip or ring under a light. Nothing is computed before :meth:`run`.
+
+    Parameters
+    ----------
+    structure : ClampedStrip or Ring
+    light : ParallelLight, GaussianSpot or UserLight
+    """
+
+    structure: Elastica
+    light: Light
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.structure, Elastica):
+            raise InvalidInput(
+                f"argument `structure` is of type {type(self.structure).__name__}; "
+                "pass a ClampedStrip or a Ring"
+            )
+        if not isinstance(self.light, (ParallelLight, GaussianSpot, UserLight)):
+            raise InvalidInput(
+                f"argument `light` is of type {type(self.light).__name__}; "
+                "pass a ParallelLight, a GaussianSpot or a UserLight"
+            )
+
+    def run(
+        self,
+        until: float,
+        *,
+        step: float = DEFAULT_STEP,
+        scheme: str = "exponential-2",
+        record_every: int | None = 1,
+        report_at: ArrayLike | None = None,
+        eigenvalues: bool = False,
+        initial: Shape | History | None = None,
+        stop_after: int | None = None,
+        on_snap: Callable[[Snap], None] | None = None,
+    ) -> History:
+        r"""Follow the shape in time, through snaps.
+
+        The natural curvature relaxes toward what the light asks for, :math:`\partial_T K_0 = -(K_0 -
+        K_r) + \Lambda f` (3.13), at equilibrium at every instant. Every step ends at a stable
+        equilibrium; a step that cannot is halved until the instant at which stability is lost is
+        enclosed to 1e-9. There the curvature is frozen and the energy descends to another stable
+        shape.
+
+        Parameters
+        ----------
+        until : float
+            Final time, in relaxation times of the material.
+        step : float
+            Longest time step. With the exponential schemes it is shortened where the tangent turns
+            faster than 5 radians per relaxation time.
+        scheme : {"exponential-2", "exponential-1", "explicit-euler"}
+            "exponential-2" (default) is exact for a light flux on the material that varies linearly in
+            time, and of second order, away from the terminator (where the flux has a kink as
+            a function of time, the local error is that of a kink: second order in the mean).
+            "exponential-1" is exact for a constant flux. "explicit-euler" is the thesis's.
+        record_every : int or None
+            Record every so many steps; None: only start, snaps, end and `report_at`.
+        report_at : array_like, optional
+            Times to hit exactly and record. Steps in between are then recorded only if
+            `record_every` is given as well.
+        eigenvalues : bool
+            Record the smallest eigenvalue of the second variation in every row.
+        initial : Shape or History, optional
+            Begin with this shape, or go on from the end of a history.
+        stop_after : int, optional
+            Stop after so many snaps.
+        on_snap : callable, optional
+            Called with each :class:`Snap`.
+
+        Returns
+        -------
+        History
+
+        Raises
+        ------
+        InvalidInput
+            If an argument is out of its range, or a light function returns nonsense.
+        NotConverged
+            If no stable shape was found at the start or after a loss of stability. Its ``history``
+            holds what was recorded.
+        """
+        structure = self.structure
+        until = finite("until", until)
+        step = positive("step", step)
+        one_of("scheme", scheme, SCHEMES)
+        if record_every is not None:
+            record_every = integer_at_least("record_every", record_every, 1)
+        if stop_after is not None:
+            stop_after = integer_at_least("stop_after", stop_after, 1)
+        angles = curvature = None
+        time, contact = 0.0, 0.0
+        if isinstance(initial, History):
+            if initial.structure.angles_count != structure.angles_count:
+                raise InvalidInput(
+                    f"argument `initial` is a history with {initial.structure.angles_count} angles;"
+                    f" this structure has {structure.angles_count}"
+                )
+            angles, curvature = initial.angles[-1], initial.curvature[-1]
+            time, contact = float(initial.times[-1]), float(initial.contact[-1])
+        elif isinstance(initial, Shape):
+            angles = structure.adopt(initial).angles
+        elif initial is not None:
+            raise InvalidInput(
+                f"argument `initial` is of type {type(initial).__name__}; pass a Shape or a History"
+            )
+        if until <= time:
+            raise InvalidInput(f"argument `until` is {until}; it must exceed the start, {time:g}")
+        reports: list[float] = []
+        if report_at is not None:
+            wanted = finite_array("report_at", report_at, shape=(None,))
+            if np.any(np.diff(wanted) <= 0) or (
+                wanted.size and (wanted[0] < time or wanted[-1] > until)
+            ):
+                raise InvalidInput(
+                    f"argument `report_at` must increase within [{time:g}, {until:g}]"
+                )
+            reports = [float(t) for t in wanted if t > time]
+        runner = Runner(
+            structure, self.light, SCHEMES[scheme], step, angles, curvature, time, eigenvalues
+        )
+        runner.clock[_kernel.CONTACT] = contact
+        recorder = _Recorder(structure)
+        snaps: list[Snap] = []
+        every = 0 if record_every is None else record_every
+        reason = "until"
+
+        def eigenvalue() -> float:
+            return runner.smallest_eigenvalue() if eigenvalues else math.nan
+
+        def history(why: str) -> History:
+            return History.build(structure, self.light, recorder, tuple(snaps), why, runner)
+
+        try:
+            if angles is None:
+                runner.begin()
+            runner.advance(time, 0, recorder.table)
+            recorder.row(runner, "start", eigenvalue())
+            targets = [*reports, until] if not reports or reports[-1] < until else reports
+            stalled = 0
+            for index, target in enumerate(targets):
+                while True:
+                    why, rows = runner.advance(target, every, recorder.table)
+                    recorder.take(rows)
+                    if why == _kernel.DONE:
+                        break
+                    if why == _kernel.LOST_STABILITY:
+                        row = recorder.row(
+                            runner, "before snap", float(runner.clock[_kernel.EIGENVALUE])
+                        )
+                        last = snaps[-1].time if snaps else -math.inf
+                        snap = runner.snap()
+                        snap = Snap(**{**snap.__dict__, "row": row})
+                        recorder.row(runner, "after snap", eigenvalue())
+                        snaps.append(snap)
+                        stalled = stalled + 1 if snap.time - last < 1e-7 else 0
+                        if stalled >= 20:
+                            raise NotConverged(
+                                f"stability is lost again and again at t = {snap.time:.9g}; "
+                                "use more segments",
+                                state=Shape(runner.angles),
+                            )
+                        if on_snap is not None:
+                            on_snap(snap)
+                        if stop_after is not None and len(snaps) >= stop_after:
+                            reason = "snaps"
+                            break
+                if reason != "until":
+                    break
+                if recorder.kinds[-1] != "step" or recorder.chunks[-1][0][-1] != runner.time:
+                    kind = "end" if index == len(targets) - 1 else "reported"
+                    recorder.row(runner, kind, eigenvalue())
+        except (NotConverged, InvalidInput) as error:
+            if isinstance(error, NotConverged) and recorder.kinds:
+                error.history = history("failed")
+            raise
+        return history(reason)
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """What happened to a strip or ring under light: one row per recorded instant.
+
+    Attributes
+    ----------
+    structure, light
+        What was run.
+    times : ndarray, shape (r,)
+        In relaxation times. A snap has two rows of the same time, before and after it.
+    angles : ndarray, shape (r, k)
+        Angles of the tangent. For a ring they are those of a frame in which S = 0 points to the
+        right: add ``rotation[:, None]`` for the laboratory.
+    curvature : ndarray, shape (r, k - 1)
+        Natural curvature :math:`K_0` at ``structure.spring_positions``.
+    forces : ndarray, shape (r, 2)
+        Multipliers of the end-to-end vector.
+    energy : ndarray, shape (r,)
+        Bending energy.
+    eigenvalue : ndarray, shape (r,)
+        Smallest eigenvalue of the second variation under the constraints, in the L2 metric of
+        the angle; NaN where it was not asked for.
+    contact : ndarray, shape (r,)
+        Arc length of the contact of a ring, unwrapped: the distance traveled.
+    kinds : tuple of str
+        "start", "step", "reported", "before snap", "after snap" or "end".
+    snaps : tuple of Snap
+        Losses of stability.
+    reason : str
+        "until", "snaps" (stop_after) or "failed".
+    rate : float
+        Largest rate of change of the natural curvature at the end.
+    steps, rejected : int
+        Accepted and halved time steps.
+    """
+
+    structure: Elastica
+    light: Light
+    times: Array = field(repr=False)
+    angles: Array = field(repr=False)
+    curvature: Array = field(repr=False)
+    forces: Array = field(repr=False)
+    energy: Array = field(repr=False)
+    eigenvalue: Array = field(repr=False)
+    contact: Array = field(repr=False)
+    pose: Array = field(repr=False)
+    kinds: tuple[str, ...] = field(repr=False)
+    snaps: tuple[Snap, ...] = field(repr=False)
+    reason: str
+    rate: float
+    steps: int
+    rejected: int
+
+    @classmethod
+    def build(
+        cls,
+        structure: Elastica,
+        light: Light,
+        recorder: _Recorder,
+        snaps: tuple[Snap, ...],
+        reason: str,
+        runner: Runner,
+    ) -> History:
+        """Assemble the recorded chunks."""
+        times, angles, curvature, forces, scalars = (
+            np.concatenate([chunk[i] for chunk in recorder.chunks]) for i in range(5)
+        )
+        for array in (times, angles, curvature, forces, scalars):
+            array.flags.writeable = False
+        return cls(
+            structure,
+            light,
+            times,
+            angles,
+            curvature,
+            forces,
+            scalars[:, 0],
+            scalars[:, 2],
+            scalars[:, 1],
+            scalars[:, 3:7],
+            tuple(recorder.kinds),
+            snaps,
+            reason,
+            runner.rate(),
+            int(runner.clock[_kernel.STEPS]),
+            int(runner.clock[_kernel.REJECTED]),
+        )
+
+    def __len__(self) -> int:
+        return self.times.size
+
+    # -- shapes -------------------------------------------------------------------------------
+    @cached_property
+    def rotation(self) -> Array:
+        """Angle by which a ring is turned in the laboratory (0 for strips), unwrapped, shape (r,)."""
+        return np.unwrap(np.arctan2(self.pose[:, 1], self.pose[:, 0]))
+
+    @cached_property
+    def positions(self) -> Array:
+        """Positions of the nodes in the laboratory, shape (r, nodes, 2)."""
+        body = self.structure.positions(self.angles)
+        c, s = self.pose[:, 0, None], self.pose[:, 1, None]
+        x = c * body[..., 0] - s * body[..., 1] + self.pose[:, 2, None]
+        y = s * body[..., 0] + c * body[..., 1] + self.pose[:, 3, None]
+        return np.stack([x, y], axis=-1)
+
+    @property
+    def x(self) -> Array:
+        """Horizontal positions of the nodes, shape (r, nodes)."""
+        return self.positions[..., 0]
+
+    @property
+    def y(self) -> Array:
+        """Heights of the nodes, shape (r, nodes)."""
+        return self.positions[..., 1]
+
+    def shape(self, row: int) -> Shape:
+        """Return the shape of a row."""
+        return Shape(self.angles[row])
+
+    # -- descriptors --------------------------------------------------------------------------
+    @cached_property
+    def deflection_descriptor(self) -> Array:
+        r""":math:`\gamma = \int \sin(2\pi S)\, Y \, dS` of (3.31), shape (r,)."""
+        s = self.structure.node_positions
+        return np.trapezoid(np.sin(2 * math.pi * s) * self.y, s, axis=1)
+
+    @cached_property
+    def curvature_descriptor(self) -> Array:
+        r""":math:`\beta = \int \sin(2\pi S)\, K_0 \, dS` of (3.31), shape (r,)."""
+        weights = np.sin(2 * math.pi * self.structure.spring_positions) / self.structure.segments
+        return self.curvature @ weights
+
+    @cached_property
+    def crest(self) -> Array:
+        """Arc length of the highest or lowest point, where the strip is farthest from its chord."""
+        y = self.y
+        row = np.arange(y.shape[0])
+        k = np.clip(np.argmax(np.abs(y), axis=1), 1, y.shape[1] - 2)
+        a, b, c = y[row, k - 1], y[row, k], y[row, k + 1]
+        bend = a - 2 * b + c
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shift = np.where(bend == 0, 0.0, 0.5 * (a - c) / bend)
+        s = self.structure.node_positions
+        return s[k] + shift * (s[1] - s[0])
+
+    def flux_target(self, row: int) -> Array:
+        """Return what the natural curvature relaxes to in a row, :math:`K_r + \\Lambda f`."""
+        clock = np.zeros(_kernel.CLOCK_SIZE)
+        clock[_kernel.TIME] = self.times[row]
+        for place, value in zip(
+            (_kernel.COS, _kernel.SIN, _kernel.SHIFT_X, _kernel.SHIFT_Y),
+            self.pose[row],
+            strict=True,
+        ):
+            clock[place] = value
+        x, y, theta = structure_points(self.structure, self.angles[row], clock)
+        face = self.structure.face(self.light.side)
+        if isinstance(self.light, UserLight):
+            s = self.structure.spring_positions
+            flux = self.light.flux(x, y, theta, s, float(self.times[row]))
+        else:
+            flux = self.light.flux(x, y, theta, face)
+        return self.structure.at_rest + self.structure.response * face * flux
+
+    # -- cycles -------------------------------------------------------------------------------
+    def find_period(self, tolerance: float = 1e-3) -> Period | None:
+        """Return the period of the limit cycle, or None if there is none to be seen.
+
+        The natural curvatures at the snaps are a Poincare section. The motion is periodic with q
+        snaps per cycle if the curvature at the last snap is that of q snaps before.
+
+        Parameters
+        ----------
+        tolerance : float
+            Largest change of the curvature over a cycle relative to its largest value.
+        """
+        return period_of(self.snaps, tolerance)
+
+    @property
+    def period(self) -> float:
+        """Period of the limit cycle (relaxation times).
+
+        Raises
+        ------
+        NotConverged
+            If the motion is not periodic, or not yet.
+        """
+        found = self.find_period()
+        if found is None:
+            raise NotConverged(
+                f"no period is seen in {len(self.snaps)} snaps until t = {self.times[-1]:.6g} (the "
+                f"natural curvature changes at a rate of {self.rate:.3g} at the end); run longer, or "
+                "there is none",
+                history=self,
+            )
+        return found.value
+
+    @property
+    def frequency(self) -> float:
+        """Reciprocal of the period."""
+        return 1.0 / self.period
+
+    @property
+    def stationary(self) -> bool:
+        """Whether natural curvature has come to rest (rate below 1e-6)."""
+        return self.rate < 1e-6
+
+    # -- rolling ------------------------------------------------------------------------------
+    @cached_property
+    def distance(self) -> Array:
+        """Distance that a ring has rolled, shape (r,)."""
+        return self.contact - self.contact[0]
+
+    def find_speed(self, window: float = 1.0) -> tuple[float, float]:
+        """Return the rolling speed over the last `window` of time, and its change since before.
+
+        Parameters
+        ----------
+        window : float
+            In relaxation times.
+
+        Returns
+        -------
+        speed, uncertainty : float
+            The uncertainty is the difference from the speed over the window before.
+        """
+        if not self.structure.chain.ring:
+            raise InvalidInput("a strip does not roll; only a Ring has a speed")
+        window = positive("window", window)
+        end = self.times[-1]
+        if end - 2 * window < self.times[0]:
+            raise InvalidInput(
+                f"argument `window` is {window}; twice the window must fit into the history, "
+                f"which is {end - self.times[0]:g} long"
+            )
+
+        def mean(t: float) -> float:
+            chosen = (self.times >= t - window - 1e-9) & (self.times <= t + 1e-9)
+            if np.count_nonzero(chosen) < 3:
+                raise InvalidInput("the history has too few rows in the window; record more often")
+            return float(np.polyfit(self.times[chosen] - t, self.contact[chosen], 1)[0])
+
+        last = mean(end)
+        return last, abs(last - mean(end - window))
+
+    @property
+    def speed(self) -> float:
+        """Rolling speed of a ring over the last relaxation time."""
+        return self.find_speed()[0]
+
+    # -- tables -------------------------------------------------------------------------------
+    def to_frame(self) -> pd.DataFrame:
+        """Return a table with one row per recorded instant.
+
+        Columns: time, kind, energy, eigenvalue, deflection_descriptor, curvature_descriptor,
+        crest (strips), contact and rotation (rings).
+        """
+        columns: dict[str, Any] = {
+            "time": self.times,
+            "kind": list(self.kinds),
+            "energy": self.energy,
+            "eigenvalue": self.eigenvalue,
+            "deflection_descriptor": self.deflection_descriptor,
+            "curvature_descriptor": self.curvature_descriptor,
+        }
+        if self.structure.chain.ring:
+            columns["contact"] = self.contact
+            columns["rotation"] = self.rotation
+        else:
+            columns["crest"] = self.crest
+        return pd.DataFrame(columns)
+
+    def snaps_to_frame(self) -> pd.DataFrame:
+        """Return a table with one row per snap."""
+        return pd.DataFrame(
+            {
+                "time": [s.time for s in self.snaps],
+                "uncertainty": [s.uncertainty for s in self.snaps],
+                "kind": [s.kind for s in self.snaps],
+                "eigenvalue": [s.eigenvalue for s in self.snaps],
+                "energy_released": [s.energy_released for s in self.snaps],
+            }
+        )
+
+
+def period_of(snaps: Sequence[Snap], tolerance: float, longest: int = 8) -> Period | None:
+    """Find the shortest repeating cycle at the end of a sequence of snaps."""
+    jumps = [s for s in snaps if s.kind == "snap"]
+    n = len(jumps)
+    if n < 3:
+        return None
+    last = jumps[-1]
+    scale = float(np.max(np.abs(last.curvature)))
+    for q in range(1, min(longest, (n - 1) // 2) + 1):
+        before = jumps[n - 1 - q]
+        distance = float(np.max(np.abs(last.curvature - before.curvature))) / scale
+        if distance > tolerance:
+            continue
+        value = last.time - before.time
+        previous = before.time - jumps[n - 1 - 2 * q].time
+        uncertainty = max(abs(value - previous), last.uncertainty + before.uncertainty)
+        if abs(value - previous) > 10 * tolerance * value:
+            continue
+        return Period(value, uncertainty, q, distance)
+    return None

@@ -1,0 +1,544 @@
+"""Strips and rings: planar inextensible elasticas with a natural curvature that may change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+from scipy.special import j0
+
+from .._validate import (
+    finite,
+    finite_array,
+    in_open_interval,
+    integer_at_least,
+    one_of,
+    positive,
+)
+from ..equilibrium import Equilibrium
+from ..errors import InvalidInput
+from ..factorization import TridiagonalKKT
+from ..structure import EPS, BaseStructure, Evaluation
+from . import _kernel
+from .light import Light
+
+__all__ = ["ClampedStrip", "Elastica", "ElasticaEquilibrium", "Ring", "Shape"]
+
+Array = NDArray[np.float64]
+Curvature = float | ArrayLike | Callable[[Array], ArrayLike]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Shape of an elastica.
+
+    Parameters
+    ----------
+    angles : array_like, shape (k,)
+        Angles of the tangent from the horizontal (radians), unwrapped. Copied and made read-only.
+    """
+
+    angles: Array
+
+    def __post_init__(self) -> None:
+        angles = finite_array("angles", self.angles, shape=(None,))
+        angles.flags.writeable = False
+        object.__setattr__(self, "angles", angles)
+
+
+@dataclass(frozen=True)
+class ElasticaEquilibrium(Equilibrium):
+    """An equilibrium of a strip or ring.
+
+    Attributes
+    ----------
+    angles : ndarray, shape (k,)
+        Angles of the tangent (radians).
+    x, y : ndarray
+        Positions of the nodes, from the origin at the start (in units of the length).
+    """
+
+    @property
+    def angles(self) -> Array:
+        """Angles of the tangent, shape (k,)."""
+        return self.state.angles
+
+    @cached_property
+    def positions(self) -> Array:
+        """Positions of the nodes, shape (nodes, 2)."""
+        return self.structure.positions(self.state.angles)
+
+    @property
+    def x(self) -> Array:
+        """Horizontal positions of the nodes."""
+        return self.positions[:, 0]
+
+    @property
+    def y(self) -> Array:
+        """Vertical positions of the nodes."""
+        return self.positions[:, 1]
+
+    @property
+    def force(self) -> Array:
+        """Force that the end exerts on the rest of the elastica is constant along it; shape (2,).
+
+        In units of bending stiffness over length squared: the multipliers of the end-to-end vector.
+        """
+        return self.multipliers
+
+
+class Elastica(BaseStructure):
+    r"""Base of :class:`ClampedStrip` and :class:`Ring`: the discrete inextensible elastica.
+
+    The energy :math:`\int_0^1 \tfrac12 (\theta' - K_0)^2 \, dS` (3.15), with the tangent
+    :math:`(\cos\theta, \sin\theta)` integrating to a given end-to-end vector. Lengths are in units
+    of the length of the elastica, energies in units of bending stiffness over length.
+
+    Parameters
+    ----------
+    segments : int
+        Number of equal parts of the length.
+    response : float
+        Factor of the light in the change of natural curvature, :math:`\Lambda` = response times
+        intensity. Positive: a lit face contracts (the strip bends toward the light).
+    natural_curvature : float, array_like or callable
+        Curvature :math:`K_r` without light and load: a number, a function of arc length S in (0, 1)
+        (called with an array), or one number per spring (shape of :attr:`spring_positions`).
+    curvature : array_like, optional
+        The present natural curvature :math:`K_0` of each spring; :math:`K_r` by default.
+    """
+
+    segments: int
+    response: float
+    natural_curvature: Curvature
+    curvature: ArrayLike | None
+
+    # -- to be defined by the kinds -----------------------------------------------------------
+    @property
+    def chain(self) -> _kernel.Chain:
+        """What the compiled kernels know of the geometry."""
+        raise NotImplementedError
+
+    @property
+    def angles_count(self) -> int:
+        """Number of angles, the prescribed ones included."""
+        return self.segments + 1
+
+    @property
+    def angle_positions(self) -> Array:
+        """Arc length of each angle, shape (k,)."""
+        return np.arange(self.segments + 1) / self.segments
+
+    @property
+    def spring_positions(self) -> Array:
+        """Arc length of each spring, where natural curvature lives, shape (k - 1,)."""
+        return (np.arange(self.segments) + 0.5) / self.segments
+
+    def face(self, side: str) -> float:
+        """Return the face that light from `side` falls on: +1 left of the tangent, -1 right."""
+        return 1.0 if side == "upper" else -1.0
+
+    # -- Structure ----------------------------------------------------------------------------
+    def _check_common(self) -> None:
+        object.__setattr__(self, "segments", integer_at_least("segments", self.segments, 8))
+        object.__setattr__(self, "response", finite("response", self.response))
+        for name in ("natural_curvature", "curvature"):
+            value = getattr(self, name)
+            if name == "curvature" and value is None:
+                continue
+            values = self._per_spring(name, value)
+            values.flags.writeable = False
+            object.__setattr__(self, "_" + name, values)
+        if self.curvature is None:
+            object.__setattr__(self, "_curvature", getattr(self, "_natural_curvature"))  # noqa: B009
+
+    def _per_spring(self, name: str, value: Any) -> Array:
+        count = self.spring_positions.size
+        if callable(value):
+            value = value(self.spring_positions)
+            if np.ndim(value) == 0:
+                raise InvalidInput(
+                    f"argument `{name}` is a function that returns a single number; it is called "
+                    f"with an array of arc lengths and must return shape ({count},)"
+                )
+        if np.ndim(value) == 0:
+            return np.full(count, finite(name, value))
+        return finite_array(name, value, shape=(count,))
+
+    @property
+    def spontaneous(self) -> Array:
+        """Present natural curvature :math:`K_0` of each spring."""
+        return self._curvature  # type: ignore[attr-defined]
+
+    @property
+    def at_rest(self) -> Array:
+        """Natural curvature :math:`K_r` of each spring without light."""
+        return self._natural_curvature  # type: ignore[attr-defined]
+
+    def with_curvature(self, curvature: ArrayLike) -> Any:
+        """Return this elastica with another present natural curvature :math:`K_0`."""
+        return replace(self, curvature=curvature)  # type: ignore[type-var]
+
+    @property
+    def size(self) -> int:
+        """Number of unknown angles."""
+        return self.chain.last - self.chain.first
+
+    @property
+    def constraints_count(self) -> int:
+        """Two: the components of the end-to-end vector."""
+        return 2
+
+    @property
+    def constraint_names(self) -> tuple[str, str]:
+        """Names of the constraints."""
+        return ("horizontal distance of the ends", "vertical distance of the ends")
+
+    def adopt(self, state: Shape) -> Shape:
+        """Return `state` with the prescribed end angles of this elastica."""
+        angles = np.array(state.angles)
+        if angles.shape != (self.angles_count,):
+            raise InvalidInput(
+                f"argument `start` has {angles.size} angles; this elastica has {self.angles_count}"
+            )
+        return Shape(self._impose(angles))
+
+    def _impose(self, angles: Array) -> Array:
+        return angles
+
+    def retract(self, state: Shape, dx: Array) -> Shape:
+        """Return the shape with the unknown angles changed by `dx`."""
+        chain = self.chain
+        angles = np.array(state.angles)
+        angles[chain.first : chain.last] += dx
+        return Shape(angles)
+
+    def difference(self, a: Shape, b: Shape) -> Array:
+        """Return the change of the unknown angles from `a` to `b`."""
+        chain = self.chain
+        return (b.angles - a.angles)[chain.first : chain.last]
+
+    def metric(self, state: Shape) -> Array:
+        """Return quadrature weights: norms approximate :math:`\\int u^2 dS`."""
+        chain = self.chain
+        weights = np.full(self.angles_count, chain.spacing)
+        weights[0], weights[-1] = chain.weight_start, chain.weight_end
+        return weights[chain.first : chain.last]
+
+    def noise(self, state: Shape) -> float:
+        """Return the round-off of the differences of angles."""
+        return 8 * EPS
+
+    def evaluate(self, state: Shape, multipliers: Array, order: int = 2) -> Evaluation:
+        """Return energy, constraints and derivatives up to `order`."""
+        chain = self.chain
+        n, k = self.size, self.angles_count
+        if state.angles.shape != (k,):
+            raise InvalidInput(f"the state has {state.angles.size} angles; this elastica has {k}")
+        angles = np.array(state.angles)
+        gradient, diagonal = np.zeros(n), np.zeros(n)
+        off, constraints, rows = np.zeros(n - 1), np.zeros(2), np.zeros((2, n))
+        data = (chain, angles, np.array(self.spontaneous), np.zeros(k), np.zeros(k))
+        energy = _kernel.evaluate(
+            data,
+            angles[chain.first : chain.last],
+            np.array(multipliers, dtype=float),
+            gradient,
+            diagonal,
+            off,
+            constraints,
+            rows,
+        )
+        if order == 0:
+            return Evaluation(energy, constraints)
+        if order == 1:
+            return Evaluation(energy, constraints, gradient)
+        return Evaluation(energy, constraints, gradient, TridiagonalKKT(diagonal, off, rows))
+
+    def correct(
+        self, state: Shape, multipliers: Array, tolerance: float
+    ) -> tuple[Shape, Array, int]:
+        """Return a nearby stationary point by the compiled corrector, and its status (0 is good)."""
+        chain = self.chain
+        angles = np.array(state.angles)
+        forces = np.array(multipliers, dtype=float)
+        space = _kernel.space_for(chain, self.angles_count)
+        work = _kernel.chain_work(self.size, 2)
+        data = (chain, angles, np.array(self.spontaneous), space.sine, space.cosine)
+        status, *_ = _kernel.correct(
+            angles[chain.first : chain.last],
+            forces,
+            data,
+            residual_floor(self.segments),
+            12,
+            0.5,
+            work,
+        )
+        return (Shape(angles), forces, status) if status == 0 else (state, multipliers, status)
+
+    def present(self, equilibrium: Equilibrium) -> ElasticaEquilibrium:
+        """Return the equilibrium with positions."""
+        return equilibrium.as_type(ElasticaEquilibrium)
+
+    # -- geometry -----------------------------------------------------------------------------
+    def positions(self, angles: Array) -> Array:
+        """Return the positions of the nodes for angles of shape (..., k): shape (..., nodes, 2)."""
+        angles = np.asarray(angles, dtype=float)
+        h = self.chain.spacing
+        tangent = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        steps = 0.5 * h * (tangent[..., 1:, :] + tangent[..., :-1, :])
+        out = np.zeros((*angles.shape[:-1], steps.shape[-2] + 1, 2))
+        np.cumsum(steps, axis=-2, out=out[..., 1:, :])
+        return out
+
+    @property
+    def node_positions(self) -> Array:
+        """Arc length of the nodes that :meth:`positions` returns."""
+        return np.arange(self.segments + 1) / self.segments
+
+    def under(self, light: Light) -> Any:
+        """Return this elastica under a light: a :class:`~lissome.beams.Motion` that can be run."""
+        from ._motion import Motion
+
+        return Motion(self, light)
+
+
+def residual_floor(segments: int) -> float:
+    """Residual below which Newton's method stops: some ten times the rounding errors."""
+    return 2e-14 * max(segments, 50)
+
+
+@dataclass(frozen=True, eq=False)
+class ClampedStrip(Elastica):
+    r"""A strip whose ends are held at a distance less than its length, so that it buckles.
+
+    Parameters
+    ----------
+    span : float
+        Distance of the ends over the length of the strip, in (0, 1): :math:`l_f` of (3.30).
+    segments : int
+        Number of equal parts.
+    response : float
+        Sign and size of the reaction of the material to light: the curvature :math:`K_0` relaxes to
+        :math:`K_r` + response x flux on the upper face (- response x flux on the lower one).
+        +1: the lit face contracts.
+    natural_curvature : float, array_like or callable
+        :math:`K_r`; see :class:`Elastica`.
+    clamp : {"node", "segment"}
+        "node" (default): the angles belong to the nodes S = 0, h, ..., 1 and closure is integrated by
+        the trapezoidal rule; second order. "segment": the angles are those of rigid segments, of which
+        the first and the last are frozen (appendix A.1 of the thesis); first order.
+    bump : {"up", "down"}
+        The buckled state that :meth:`start` leads to.
+    end_angles : tuple of float
+        Angles of the tangent at the two ends (radians), where clamped.
+    rise : float
+        Height of the end above the start, in units of the length.
+    ends : tuple of {"clamped", "hinged"}
+        Support of start and end: a hinged end turns freely.
+    curvature : array_like, optional
+        The present natural curvature; see :class:`Elastica`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> import lissome as ls
+    >>> from lissome.beams import ClampedStrip
+    >>> strip = ClampedStrip(span=0.95, segments=200)
+    >>> state = ls.equilibrate(strip)
+    >>> print(f"{state.y.max():.4f}")
+    0.1395
+    """
+
+    span: float
+    segments: int = 100
+    response: float = 1.0
+    natural_curvature: Curvature = 0.0
+    clamp: str = "node"
+    bump: str = "up"
+    end_angles: tuple[float, float] = (0.0, 0.0)
+    rise: float = 0.0
+    ends: tuple[str, str] = ("clamped", "clamped")
+    curvature: ArrayLike | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        remedy = "the clamps are nearer to each other than the strip is long"
+        object.__setattr__(self, "span", in_open_interval("span", self.span, 0.0, 1.0, remedy))
+        one_of("clamp", self.clamp, ("node", "segment"))
+        one_of("bump", self.bump, ("up", "down"))
+        if not isinstance(self.end_angles, (tuple, list)) or len(self.end_angles) != 2:
+            raise InvalidInput(
+                f"argument `end_angles` is {self.end_angles!r}; pass two angles (radians)"
+            )
+        first, last = (finite(f"end_angles[{i}]", a) for i, a in enumerate(self.end_angles))
+        object.__setattr__(self, "end_angles", (first, last))
+        if not isinstance(self.ends, (tuple, list)) or len(self.ends) != 2:
+            raise InvalidInput(f"argument `ends` is {self.ends!r}; pass two kinds of support")
+        for i, kind in enumerate(self.ends):
+            one_of(f"ends[{i}]", kind, ("clamped", "hinged"))
+        object.__setattr__(self, "ends", tuple(self.ends))
+        rise = finite("rise", self.rise)
+        object.__setattr__(self, "rise", rise)
+        if math.hypot(self.span, rise) >= 1.0:
+            raise InvalidInput(
+                f"argument `rise` is {rise} with a span of {self.span}; the ends must be nearer to "
+                "each other than the strip is long"
+            )
+        if self.clamp == "segment" and "hinged" in self.ends:
+            raise InvalidInput(
+                "argument `ends` has a hinge and `clamp` is 'segment'; segment clamps are for two "
+                "clamped ends"
+            )
+        self._check_common()
+
+    @cached_property
+    def chain(self) -> _kernel.Chain:
+        """What the compiled kernels know of the geometry."""
+        h = 1.0 / self.segments
+        end = 0.5 * h if self.clamp == "node" else h
+        count = self.angles_count
+        return _kernel.Chain(
+            h,
+            end,
+            end,
+            self.span,
+            self.rise,
+            1 if self.ends[0] == "clamped" else 0,
+            count - 1 if self.ends[1] == "clamped" else count,
+            False,
+        )
+
+    @property
+    def angles_count(self) -> int:
+        """Number of angles, the prescribed ones included."""
+        return self.segments + 1 if self.clamp == "node" else self.segments
+
+    @property
+    def angle_positions(self) -> Array:
+        """Arc length of each angle."""
+        if self.clamp == "node":
+            return np.arange(self.segments + 1) / self.segments
+        return (np.arange(self.segments) + 0.5) / self.segments
+
+    @property
+    def spring_positions(self) -> Array:
+        """Arc length of each spring."""
+        if self.clamp == "node":
+            return (np.arange(self.segments) + 0.5) / self.segments
+        return np.arange(1, self.segments) / self.segments
+
+    def _impose(self, angles: Array) -> Array:
+        if self.ends[0] == "clamped":
+            angles[0] = self.end_angles[0]
+        if self.ends[1] == "clamped":
+            angles[-1] = self.end_angles[1]
+        return angles
+
+    def start(self) -> Shape:
+        """Return a guess of the buckled shape: the linear mode with the right shortening."""
+        s = self.angle_positions
+        if self.clamp == "segment":
+            s = np.linspace(0.0, 1.0, s.size)
+        turns = 2.0 - 0.5 * sum(kind == "hinged" for kind in self.ends)
+        sign = 1.0 if self.bump == "up" else -1.0
+        chord = math.hypot(self.span, self.rise)
+        amplitude = brentq(lambda a: j0(a) - chord, 0.0, 2.404)
+        tilt = math.atan2(self.rise, self.span)
+        if self.ends == ("hinged", "clamped"):
+            wave = np.sin(math.pi * turns * (s - 1.0))
+        elif self.ends == ("hinged", "hinged"):
+            wave = np.cos(math.pi * s)
+        else:
+            wave = np.sin(math.pi * turns * s)
+        angles = sign * amplitude * wave + tilt
+        if self.ends == ("clamped", "clamped"):
+            angles += self.end_angles[0] - tilt
+            angles += s * (self.end_angles[1] - self.end_angles[0])
+        return Shape(self._impose(angles))
+
+    def positions(self, angles: Array) -> Array:
+        """Return the positions of the nodes for angles of shape (..., k): shape (..., nodes, 2)."""
+        if self.clamp == "node":
+            return super().positions(angles)
+        angles = np.asarray(angles, dtype=float)
+        tangent = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        out = np.zeros((*angles.shape[:-1], angles.shape[-1] + 1, 2))
+        np.cumsum(tangent / self.segments, axis=-2, out=out[..., 1:, :])
+        return out
+
+    def with_span(self, span: float) -> ClampedStrip:
+        """Return this strip with another span."""
+        return replace(self, span=span)
+
+
+@dataclass(frozen=True, eq=False)
+class Ring(Elastica):
+    r"""A closed ring that rolls on the ground.
+
+    The ring is counterclockwise: the tangent angle grows by :math:`2\pi` along it, from 0 at the
+    bottom. Light falls on its outer face. The ring touches the ground where its center of mass is
+    lowest, (3.17)-(3.18), and rolls without sliding; the contact is followed as a continuous root.
+
+    Parameters
+    ----------
+    segments : int
+        Number of equal parts.
+    response : float
+        Reaction of the material: :math:`K_0` relaxes to :math:`K_r` - response x flux, since light
+        falls on the outer face. +1: the lit face contracts, which flattens the lit part.
+    natural_curvature : float, array_like or callable
+        :math:`K_r`, a circle (:math:`2\pi`) by default; see :class:`Elastica`.
+    hold : float
+        Time during which the contact is held at S = 0. A circle has no preferred contact, and
+        the linear theory from a circle has a logarithmic singularity at time 0 (the ring would start
+        to roll at infinite speed): the later motion depends on this regularization only by a shift.
+    curvature : array_like, optional
+        The present natural curvature; see :class:`Elastica`.
+
+    Examples
+    --------
+    >>> import lissome as ls
+    >>> from lissome.beams import Ring
+    >>> state = ls.equilibrate(Ring(segments=100))
+    >>> print(f"{state.y.max() - state.y.min():.4f}")  # the diameter, 1 / pi
+    0.3183
+    """
+
+    segments: int = 100
+    response: float = 1.0
+    natural_curvature: Curvature = 2.0 * math.pi
+    hold: float = 0.01
+    curvature: ArrayLike | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hold", positive("hold", self.hold))
+        self._check_common()
+
+    @cached_property
+    def chain(self) -> _kernel.Chain:
+        """What the compiled kernels know of the geometry."""
+        h = 1.0 / self.segments
+        return _kernel.Chain(h, 0.5 * h, 0.5 * h, 0.0, 0.0, 1, self.segments, True)
+
+    def face(self, side: str) -> float:
+        """Return the face that light falls on: the outer one, to the right of the tangent."""
+        return -1.0
+
+    def start(self) -> Shape:
+        """Return a circle."""
+        return Shape(2.0 * math.pi * self.angle_positions)
+
+    def _impose(self, angles: Array) -> Array:
+        angles = angles - angles[0]
+        angles[-1] = 2.0 * math.pi
+        return angles
