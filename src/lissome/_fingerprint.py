@@ -16,7 +16,7 @@ import itertools
 import sys
 import types
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -162,11 +162,7 @@ class Digest:
 
     def code(self, code: types.CodeType) -> None:
         """Add byte code with its constants; not the file, the lines, and the comments."""
-        self.put("code", code.co_name, code.co_code, getattr(code, "co_exceptiontable", b""))
-        self.add((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars))
-        self.add((code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags))
-        for constant in code.co_consts:
-            self.add(constant)
+        self.put("code", _facts(code).digest)
 
     def function(self, function: Any) -> None:
         """Add a Python function: code, defaults, closure, and the globals that it reads."""
@@ -185,13 +181,14 @@ class Digest:
                 self.put("empty")
                 continue
             self.add(content)
-        for module in sorted(set(_imports(code))):
+        facts = _facts(code)
+        for module in facts.imports:
             if not self.knows(module):
                 raise NoFingerprint(
                     f"the import of {module or 'a relative module'} inside {function.__qualname__}"
                 )
             self.put("import", module)
-        for path in sorted(set(_global_paths(code))):
+        for path in facts.globals:
             self._global(function.__globals__, path)
 
     def _global(self, namespace: dict[str, Any], path: tuple[str, ...]) -> None:
@@ -213,6 +210,34 @@ class Digest:
 def name_of(value: Any) -> str:
     """Return where `value`, a class or a function, is defined."""
     return f"{value.__module__}:{getattr(value, '__qualname__', value.__name__)}"
+
+
+class _Facts(NamedTuple):
+    """What a code object says by itself."""
+
+    digest: str
+    globals: list[tuple[str, ...]]
+    imports: list[str]
+
+
+_known: dict[int, tuple[types.CodeType, _Facts]] = {}  # the code is kept, so that its id is
+
+
+def _facts(code: types.CodeType) -> _Facts:
+    known = _known.get(id(code))
+    if known is not None:
+        return known[1]
+    digest = Digest(frozenset())
+    digest.put("code", code.co_name, code.co_code, getattr(code, "co_exceptiontable", b""))
+    digest.add((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars))
+    digest.add((code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags))
+    for constant in code.co_consts:
+        digest.add(constant)
+    facts = _Facts(
+        digest.hexdigest(), sorted(set(_global_paths(code))), sorted(set(_imports(code)))
+    )
+    _known[id(code)] = code, facts
+    return facts
 
 
 def _instructions(code: types.CodeType) -> list[dis.Instruction]:
