@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import numpy as np
@@ -37,9 +38,13 @@ def parse(text):
 
 @pytest.fixture
 def copy(tmp_path):
-    """A copy of the data that a test may damage."""
+    """A copy of the data that a test may damage, all slots empty."""
     folder = tmp_path / "data"
     shutil.copytree(Descriptor().folder, folder)
+    package = Descriptor(folder)
+    resources = package.content["resources"]
+    package.content["resources"] = [r for r in resources if r["provenance"] != "digitized"]
+    package.write()
     return folder
 
 
@@ -229,7 +234,7 @@ class TestDamage:
         path.write_bytes(path.read_bytes().replace(b"0.56", b"0.57"))
         assert literature.seal(folder=copy) == ("thesis-table-3-1",)
         assert float(literature.value("t31-depth", folder=copy)) == 0.57
-        assert literature.check(folder=copy) == literature.tables()
+        assert literature.check(folder=copy) == literature.tables(folder=copy)
 
     def test_a_broken_description_is_refused(self, copy):
         for text in ("{", "[]", '{"resources": []}'):
@@ -267,6 +272,24 @@ class TestRegistration:
         assert about["declared"] == {"distance_scale": "ring length"}
         assert (copy / about["project"]).read_bytes() == arguments["project"].read_bytes()
         assert literature.check(folder=copy)[-1] == "slinky-distance"
+
+    def test_projects_with_the_image_are_read_but_the_image_is_not_kept(
+        self, arguments, tmp_path, copy
+    ):
+        original = arguments["project"].read_bytes()
+        image = tmp_path / "image.png"
+        image.write_bytes(b"the figure of somebody else")
+        arguments["project"] = tmp_path / "project.tar"
+        with tarfile.open(arguments["project"], "w") as archive:
+            archive.add(image, "project/image.png")
+            archive.add(tmp_path / "project.json", "project/wpd.json")
+        table = literature.register(**arguments)
+        assert (copy / table.digitization["project"]).read_bytes() == original
+        assert not any(b"somebody else" in p.read_bytes() for p in copy.rglob("*") if p.is_file())
+        with tarfile.open(arguments["project"], "w") as archive:
+            archive.add(image, "project/image.png")
+        with pytest.raises(DataError, match=r"without wpd\.json"):
+            literature.register(**arguments, replace=True)
 
     def test_filled_slots_are_replaced_only_on_request(self, arguments, points, copy):
         literature.register(**arguments)

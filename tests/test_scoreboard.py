@@ -18,7 +18,9 @@ from lissome import literature, scoreboard
 from lissome._digits import rounded, with_uncertainty
 from lissome.errors import DataError, InvalidInput
 from lissome.judges import JUDGES, Outcome
+from lissome.judges import _core as core
 from lissome.judges._core import for_every_reading, order_of
+from lissome.judges._core import judge as make_judge
 from lissome.scoreboard import Verdict
 
 BEST = {"value": 65.13, "spread": 0.2}
@@ -302,6 +304,53 @@ class TestJudges:
         sizes = np.array([1.0, 0.1, 0.01])
         check = order_of("it", sizes, factor * sizes**order, 1)
         assert (check.outcome is Outcome.HOLDS) == (order > 0.95)
+
+
+class TestArtificialJudge:
+    """All verdicts, by a judge that says what it is told."""
+
+    @pytest.fixture(autouse=True)
+    def judge(self, monkeypatch):
+        @make_judge(
+            "slinky-distance",
+            close=core.flag("whether the curves agree"),
+            readings=core.optional(core.flags("whether they agree for each reading")),
+            deviation=core.optional(core.number("deviation from the measured points")),
+        )
+        def told(claim, facts):
+            checks = [core.holds(facts["close"], "the curves agree")]
+            if "readings" in facts:
+                checks.append(for_every_reading("ok", range(3), facts["readings"]))
+            checks.append(core.agrees_with_measurement(claim.slot, facts, "deviation", 0.1))
+            return checks
+
+        monkeypatch.setattr(scoreboard, "JUDGES", {"slinky-distance": told})
+
+    @staticmethod
+    def verdict(**facts):
+        return scoreboard.record("slinky-distance", as_printed=facts).verdict
+
+    def test_without_data_the_claim_waits(self, monkeypatch):
+        monkeypatch.setattr(literature, "is_available", lambda slot: False)
+        assert self.verdict(close=True) is Verdict.AWAITS
+        assert self.verdict(close=True, readings=[True, True, False]) is Verdict.UNDETERMINED
+        assert self.verdict(close=False, readings=[True, True, False]) is Verdict.DIFFERS
+
+    def test_with_data_they_decide(self, monkeypatch):
+        monkeypatch.setattr(literature, "is_available", lambda slot: True)
+        with pytest.raises(InvalidInput, match="record 'deviation'"):
+            self.verdict(close=True)
+        assert self.verdict(close=True, deviation=0.05) is Verdict.REPRODUCED
+        assert self.verdict(close=True, deviation=0.2) is Verdict.DIFFERS
+
+    def test_flags_are_flags(self):
+        for bad in (1, "yes", None, [True]):
+            with pytest.raises(InvalidInput, match="True or False"):
+                self.verdict(close=bad)
+
+    def test_a_headline_without_a_place_is_refused(self):
+        with pytest.raises(InvalidInput, match="needs a mapping"):
+            scoreboard.record("slinky-distance", as_printed=1.0)
 
 
 class TestRecords:

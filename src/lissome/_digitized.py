@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tarfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -99,18 +100,21 @@ def _same_names(argument: str, given: Mapping[Any, Any], wanted: list[str]) -> N
 
 
 def read_axes(path: Path) -> tuple[bytes, list[dict[str, Any]]]:
-    """Return the bytes of a WebPlotDigitizer project and the calibration of its axes.
+    """Return the JSON of a WebPlotDigitizer project and the calibration of its axes.
+
+    A project is a JSON file, or a tar archive of ``wpd.json`` and the image. Only the JSON is kept:
+    the image belongs to the publisher.
 
     Each entry of the list holds the name of the axes, whether each is logarithmic, and the two
     calibration values of each axis.
     """
-    remedy = "save the project as JSON with WebPlotDigitizer 4 or later (File, Save Project)"
+    remedy = "save the project (File, Save Project) with WebPlotDigitizer 4 or later"
     try:
-        raw = path.read_bytes()
+        raw = _project(path)
         project = json.loads(raw)
         collection = project["axesColl"]
         found = [_axes(axes) for axes in collection]
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (OSError, ValueError, KeyError, TypeError, IndexError, tarfile.TarError) as error:
         raise DataError(
             f"{path}: expected a WebPlotDigitizer project with calibrated XY axes, found "
             f"{type(error).__name__}: {error}; {remedy}"
@@ -118,6 +122,18 @@ def read_axes(path: Path) -> tuple[bytes, list[dict[str, Any]]]:
     if not found:
         raise DataError(f"{path}: expected calibrated XY axes, found none; {remedy}")
     return raw, found
+
+
+def _project(path: Path) -> bytes:
+    if not tarfile.is_tarfile(path):
+        return path.read_bytes()
+    with tarfile.open(path) as archive:
+        for member in archive.getmembers():
+            if Path(member.name).name == "wpd.json":
+                stream = archive.extractfile(member)
+                if stream is not None:
+                    return stream.read()
+    raise ValueError("an archive without wpd.json")
 
 
 def _axes(axes: Mapping[str, Any]) -> dict[str, Any]:

@@ -217,7 +217,7 @@ class Number:
         """
         import pint
 
-        registry: Any = pint.UnitRegistry()
+        registry: Any = pint.get_application_registry()
         try:
             return float(registry.Quantity(self.value, self.unit).to(unit).magnitude)
         except (pint.PintError, ValueError, AttributeError, TypeError) as error:
@@ -462,8 +462,9 @@ def register(
     file : path-like
         CSV file with exactly the columns of the slot.
     project : path-like
-        The WebPlotDigitizer project (JSON, version 4 or later): the calibration of the axes is read
-        from it, and it is kept beside the table, so that anyone can see the points on the figure.
+        The WebPlotDigitizer project (JSON or tar, version 4 or later): the calibration of the axes
+        is read from it. Its JSON part is kept beside the table, so that anyone who has the figure
+        can lay the points over it; the image is not kept.
     tool : str
         Name and version of the tool.
     uncertainty : mapping of str to float
@@ -670,7 +671,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     registering = commands.add_parser("register", help="validate and add digitized points")
     registering.add_argument("slot")
     registering.add_argument("file", help="CSV file with the points")
-    registering.add_argument("--project", required=True, help="WebPlotDigitizer project (JSON)")
+    registering.add_argument(
+        "--project", required=True, help="WebPlotDigitizer project (JSON or tar)"
+    )
     registering.add_argument("--tool", required=True, help="'WebPlotDigitizer 5.2'")
     registering.add_argument("--uncertainty", nargs="+", required=True, metavar="COLUMN=NUMBER")
     registering.add_argument("--declare", nargs="+", default=[], metavar="NAME=TEXT")

@@ -249,7 +249,7 @@ def within(
 ) -> Check:
     """Check that a number lies within an absolute tolerance of another."""
     space = f" {unit}" if unit and unit != "1" else ""
-    shown = rounded(value, spread or tolerance / 100)
+    shown = rounded(value, spread or tolerance / 10)
     distance = abs(value - target)
     return holds(
         distance <= tolerance,
@@ -275,9 +275,10 @@ def all_below(name: str, values: Any, limit: float, unit: str = "") -> Check:
     """Check that the largest magnitude does not exceed a limit."""
     largest = float(np.max(np.abs(values)))
     space = f" {unit}" if unit else ""
+    most = "at most " if np.ndim(values) else ""
     return holds(
         largest <= limit,
-        f"{name} is at most {_short(largest)}{space} (limit {_short(limit, 6)}{space})",
+        f"{name} is {most}{_short(largest)}{space} (limit {_short(limit, 6)}{space})",
     )
 
 
@@ -285,9 +286,10 @@ def all_above(name: str, values: Any, limit: float, unit: str = "") -> Check:
     """Check that the smallest value exceeds a limit."""
     smallest = float(np.min(values))
     space = f" {unit}" if unit else ""
+    least = "at least " if np.ndim(values) else ""
     return holds(
         smallest > limit,
-        f"{name} is at least {_short(smallest)}{space} (must exceed {_short(limit, 6)})",
+        f"{name} is {least}{_short(smallest)}{space} (must exceed {_short(limit, 6)})",
     )
 
 
