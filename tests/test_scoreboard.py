@@ -293,6 +293,10 @@ class TestJudges:
         with pytest.raises(InvalidInput, match="three entries"):
             judged("snap-time-exponent", {**EXPONENT, "light": [1, 2, 3, 4, 50]})
 
+    def test_a_computed_period_is_uncertain(self):
+        with pytest.raises(InvalidInput, match="no computed period is exact"):
+            judged("strip-cycle", CYCLE, uncertainty=0)
+
     def test_readings(self):
         check = for_every_reading("it snaps", [0.1, 0.2, 0.3], [True, False, True])
         assert check.outcome is Outcome.UNDETERMINED
