@@ -28,6 +28,13 @@ sweep = functools.partial(lissome.sweep, executor="serial")
 GRID = {"a": [1.0, 0.1, -2.5], "b": [1, 2]}
 
 
+@pytest.fixture(autouse=True)
+def _nobody_edits(monkeypatch):
+    # While the library is edited nothing is cached (tested in processes of their own): an editor
+    # at work must not disturb the other tests.
+    monkeypatch.setattr("lissome.sweeps.library_changed", lambda: False)
+
+
 def make_work():
     """Return a function that goes to worker processes by value (this module may not be there)."""
 
@@ -273,7 +280,7 @@ class Multiplier:
         return self.factor * x
 
 
-def test_modules_of_the_user_are_followed(tmp_path):
+def test_modules_of_the_user_are_followed(tmp_path, library):
     (tmp_path / "mine.py").write_text("def g(x):\n    return x * 2\n")
     (tmp_path / "other.py").write_text("SHIFT = 1\n")
     code = """
@@ -283,20 +290,31 @@ def test_modules_of_the_user_are_followed(tmp_path):
         frame = lissome.sweep(f, {"x": [1, 2]}, "serial", "cache")
         print(json.dumps([frame["value"].tolist(), frame.attrs["sweep"]["computed"]]))
     """
-    assert script(tmp_path, code) == [[3, 5], 2]
-    assert script(tmp_path, code) == [[3, 5], 0]
+    assert script(tmp_path, code, path=library) == [[3, 5], 2]
+    assert script(tmp_path, code, path=library) == [[3, 5], 0]
     (tmp_path / "mine.py").write_text("def g(x):\n    return x * 3\n")
-    assert script(tmp_path, code) == [[4, 7], 2]
+    assert script(tmp_path, code, path=library) == [[4, 7], 2]
     (tmp_path / "other.py").write_text("SHIFT = 5\n")
-    assert script(tmp_path, code) == [[8, 11], 2]
+    assert script(tmp_path, code, path=library) == [[8, 11], 2]
 
 
-def environment(path=None):
-    source = str(path or Path(lissome.__file__).parents[1])
-    return {**os.environ, "PYTHONPATH": source, "PYTHONDONTWRITEBYTECODE": "1"}
+def copied(folder):
+    """Copy the library, so that nobody but the test edits it, and return where it is."""
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(lissome.__file__).parent, folder / "lissome", ignore=ignored)
+    return folder
 
 
-def script(folder, code, *arguments, path=None):
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    return copied(tmp_path_factory.mktemp("library"))
+
+
+def environment(path):
+    return {**os.environ, "PYTHONPATH": str(path), "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def script(folder, code, *arguments, path):
     (folder / "script.py").write_text(textwrap.dedent(code))
     done = subprocess.run(
         [sys.executable, "script.py", *arguments],
@@ -311,10 +329,7 @@ def script(folder, code, *arguments, path=None):
 
 
 def test_the_librarys_sources_and_versions_are_part_of_the_key(tmp_path):
-    copy = tmp_path / "lissome"
-    shutil.copytree(
-        Path(lissome.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__")
-    )
+    copy = copied(tmp_path) / "lissome"
     code = """
         import importlib.metadata, json, lissome, sys
         if len(sys.argv) > 1:
@@ -333,10 +348,7 @@ def test_the_librarys_sources_and_versions_are_part_of_the_key(tmp_path):
 
 
 def test_a_library_edited_under_a_running_process_is_not_cached(tmp_path):
-    copy = tmp_path / "lissome"
-    shutil.copytree(
-        Path(lissome.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__")
-    )
+    copied(tmp_path)
     code = """
         import json, lissome, warnings
         from pathlib import Path
@@ -356,7 +368,7 @@ def test_a_library_edited_under_a_running_process_is_not_cached(tmp_path):
     assert script(tmp_path, code, path=tmp_path) == [["CacheWarning"] * 2, 1, [1, 2, 3], [1]]
 
 
-def test_workers_never_run_other_code_than_this_process(tmp_path):
+def test_workers_never_run_other_code_than_this_process(tmp_path, library):
     mine = tmp_path / "mine.py"
     mine.write_text("def g(x):\n    return x * 2\n")
     code = """
@@ -380,7 +392,7 @@ def test_workers_never_run_other_code_than_this_process(tmp_path):
             run()  # new workers read what this process does not know yet
             print(json.dumps(results))
     """
-    first, second, third, fourth = script(tmp_path, code)
+    first, second, third, fourth = script(tmp_path, code, path=library)
     assert (first, second, third) == ([2], [2], [30])
     assert "mine.g was edited" in fourth
 
@@ -510,7 +522,7 @@ INTERRUPTED = """
 
 @pytest.mark.parametrize("executor", ['"serial"', "None"])
 @pytest.mark.parametrize("how", ["SIGKILL", "SIGINT"])
-def test_an_interrupted_sweep_goes_on_where_it_was(tmp_path, how, executor):
+def test_an_interrupted_sweep_goes_on_where_it_was(tmp_path, library, how, executor):
     # `sys.argv` is read inside: it is no part of the key.
     code = INTERRUPTED.replace("EXECUTOR", executor)
     (tmp_path / "script.py").write_text(textwrap.dedent(code))
@@ -519,7 +531,7 @@ def test_an_interrupted_sweep_goes_on_where_it_was(tmp_path, how, executor):
         return subprocess.Popen(
             [sys.executable, "script.py", str(stop_at)],
             cwd=tmp_path,
-            env={**environment(), "LOKY_MAX_CPU_COUNT": "2"},
+            env={**environment(library), "LOKY_MAX_CPU_COUNT": "2"},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
