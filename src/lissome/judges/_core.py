@@ -234,9 +234,15 @@ def same_length(facts: Facts, *names: str) -> None:
 # ------------------------------------------------------------------------------------- checks
 
 
-def holds(condition: bool, sentence: str) -> Check:
-    """Check a condition."""
-    return Check(Outcome.HOLDS if condition else Outcome.FAILS, sentence)
+def holds(condition: bool, sentence: str, otherwise: str | None = None) -> Check:
+    """Check a condition.
+
+    A sentence that only reports numbers stands for both outcomes; one that states the condition
+    needs its negation in `otherwise`.
+    """
+    if condition:
+        return Check(Outcome.HOLDS, sentence)
+    return Check(Outcome.FAILS, sentence if otherwise is None else otherwise)
 
 
 def _short(value: float, digits: int = 2) -> str:
@@ -295,12 +301,22 @@ def all_above(name: str, values: Any, limit: float, unit: str = "") -> Check:
 
 def increasing(name: str, values: Any) -> Check:
     """Check that a list strictly increases."""
-    return holds(bool(np.all(np.diff(values) > 0)), f"{name} increases strictly: {_listed(values)}")
+    listed = _listed(values)
+    return holds(
+        bool(np.all(np.diff(values) > 0)),
+        f"{name} increases strictly: {listed}",
+        f"{name} does not increase strictly: {listed}",
+    )
 
 
 def decreasing(name: str, values: Any) -> Check:
     """Check that a list strictly decreases."""
-    return holds(bool(np.all(np.diff(values) < 0)), f"{name} decreases strictly: {_listed(values)}")
+    listed = _listed(values)
+    return holds(
+        bool(np.all(np.diff(values) < 0)),
+        f"{name} decreases strictly: {listed}",
+        f"{name} does not decrease strictly: {listed}",
+    )
 
 
 def _listed(values: Any) -> str:

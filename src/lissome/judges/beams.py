@@ -214,6 +214,7 @@ def strip_window(claim: Claim, facts: Facts) -> list[Check]:
         holds(
             bool(np.all(np.diff(facts["lower"]) < 0) and np.all(np.diff(facts["upper"]) > 0)),
             f"each window holds the one of weaker light: {ends}",
+            f"the windows are not nested: {ends}",
         ),
         increasing(f"the frequency at {facts['angle']:g} degrees", facts["frequencies"]),
     ]
@@ -276,12 +277,14 @@ def strip_faces(claim: Claim, facts: Facts) -> list[Check]:
             raise InvalidInput(f"the fact '{name}' is {facts[name].tolist()}; give both ends")
     outer, inner = facts["planar_window"], facts["homeotropic_window"]
     ratio = facts["planar"] / facts["homeotropic"]
+    inside = bool(outer[0] < inner[0] and inner[1] < outer[1])
     return [
-        all_above("the ratio of the frequencies, planar over homeotropic", ratio, 1.0),
+        all_above("the ratio of the frequencies, planar over homeotropic,", ratio, 1.0),
         holds(
-            bool(outer[0] < inner[0] and inner[1] < outer[1]),
-            f"the window of the homeotropic face, {inner[0]:.1f} to {inner[1]:.1f} degrees, lies "
-            f"inside that of the planar face, {outer[0]:.1f} to {outer[1]:.1f}",
+            inside,
+            f"the window of the homeotropic face, {inner[0]:.1f} to {inner[1]:.1f} degrees, "
+            f"{'lies' if inside else 'does not lie'} inside that of the planar face, "
+            f"{outer[0]:.1f} to {outer[1]:.1f}",
         ),
     ]
 

@@ -1,0 +1,104 @@
+"""Judges of the claims on bifurcations and on the models (chapters 1 and 2)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ._core import Check, Facts, all_below, flag, flags, holds, judge, number
+
+if TYPE_CHECKING:
+    from ..scoreboard import Claim
+
+__all__ = ["JUDGES"]
+
+
+@judge(
+    "balloon-three-radii",
+    equilibria=number("number of equilibrium radii at the stated pressure"),
+    pressure=number("the stated pressure, over that of the limit point"),
+    radius_before=number("radius at the limit point, followed under rising pressure"),
+    radius_after=number("radius that the balloon jumps to"),
+    largest=number("largest equilibrium radius at the pressure of the limit point"),
+)
+def balloon_three_radii(claim: Claim, facts: Facts) -> list[Check]:
+    after, largest = facts["radius_after"], facts["largest"]
+    return [
+        holds(
+            facts["equilibria"] == 3 and 0 < facts["pressure"] < 1,
+            f"{facts['equilibria']:.0f} equilibria at {facts['pressure']:.3g} of the limit "
+            "pressure (3 expected below it)",
+        ),
+        holds(
+            after > facts["radius_before"] and abs(after / largest - 1) <= 1e-6,
+            f"the radius jumps from {facts['radius_before']:.4g} to {after:.4g}; the largest "
+            f"equilibrium is {largest:.4g}",
+        ),
+    ]
+
+
+@judge(
+    "pitchfork-table",
+    derivatives_equal=flags("whether computer algebra finds mu and -2 mu, for each equilibrium"),
+    stability_equal=flags("whether the followed branch has the stability of the table, likewise"),
+)
+def pitchfork_table(claim: Claim, facts: Facts) -> list[Check]:
+    return [
+        holds(
+            bool(facts["derivatives_equal"].all()),
+            "the derivatives are those of the table",
+            "a derivative is not that of the table",
+        ),
+        holds(
+            bool(facts["stability_equal"].all()),
+            "the branch has the stability of the table",
+            "the stability differs from the table",
+        ),
+    ]
+
+
+@judge(
+    "kirchhoff-balance",
+    residual=number("largest difference of the variation from the balance, over its size"),
+)
+def kirchhoff_balance(claim: Claim, facts: Facts) -> list[Check]:
+    return [all_below("the difference of variation and balance", facts["residual"], 1e-12)]
+
+
+@judge("beam-reduction", equal=flag("whether computer algebra reduces the difference to zero"))
+def beam_reduction(claim: Claim, facts: Facts) -> list[Check]:
+    return [
+        holds(
+            facts["equal"],
+            "the difference is zero by computer algebra",
+            "the difference is not zero",
+        )
+    ]
+
+
+@judge(
+    "fvk-energy",
+    stretching_equal=flag("whether the stretching term is h W(eps) by computer algebra"),
+    bending_equal=flag("whether the bending term is h^3/12 W(grad grad w) by computer algebra"),
+    plane_stress=flag("whether plane stress is reached by minimizing over the transverse strain"),
+)
+def fvk_energy(claim: Claim, facts: Facts) -> list[Check]:
+    return [
+        holds(
+            facts["stretching_equal"],
+            "the stretching term is equal by computer algebra",
+            "the stretching term differs",
+        ),
+        holds(
+            facts["bending_equal"],
+            "the bending term is equal by computer algebra",
+            "the bending term differs",
+        ),
+        holds(
+            facts["plane_stress"],
+            "minimizing over the transverse strain gives plane stress",
+            "minimizing over the transverse strain does not give plane stress",
+        ),
+    ]
+
+
+JUDGES = (balloon_three_radii, pitchfork_table, kirchhoff_balance, beam_reduction, fvk_energy)

@@ -1,0 +1,120 @@
+"""Judges of claims on discrete rods (chapter 4)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ._core import (
+    Check,
+    Facts,
+    all_below,
+    holds,
+    judge,
+    number,
+    numbers,
+    optional,
+    within,
+    within_percent,
+)
+
+if TYPE_CHECKING:
+    from ..scoreboard import Claim
+
+__all__ = ["DISTRIBUTED_LOAD", "JUDGES", "POINT_LOAD"]
+
+#: Critical loads of the clamped-free elastica: pi^2/4 in B/L^2, and (9/4) j^2 in B/L^3 with j the
+#: first zero of the Bessel function of order -1/3. A test recomputes the second.
+POINT_LOAD = math.pi**2 / 4
+DISTRIBUTED_LOAD = 7.837347438943484
+
+_BUCKLING = {
+    "value": number("critical load extrapolated to infinitely many segments"),
+    "order": number("order of convergence with the good clamp"),
+}
+
+
+def _buckling(exact: float, facts: Facts) -> list[Check]:
+    return [
+        within("the extrapolated load", facts["value"], exact, 1e-6, spread=facts.uncertainty),
+        within("the order of convergence", facts["order"], 2, 0.1),
+    ]
+
+
+@judge("buckling-point", **_BUCKLING)
+def buckling_point(claim: Claim, facts: Facts) -> list[Check]:
+    return _buckling(POINT_LOAD, facts)
+
+
+@judge("buckling-distributed", **_BUCKLING)
+def buckling_distributed(claim: Claim, facts: Facts) -> list[Check]:
+    return _buckling(DISTRIBUTED_LOAD, facts)
+
+
+@judge(
+    "buckling-postcritical",
+    value=number("largest difference of the tip from the boundary-value problem, extrapolated"),
+    node_clamp=number("the same at N = 100, two nodes fixed as in the thesis"),
+    good_clamp=number("the same at N = 100, second-order clamp"),
+)
+def buckling_postcritical(claim: Claim, facts: Facts) -> list[Check]:
+    return [
+        all_below("the extrapolated difference", facts["value"], 1e-6),
+        holds(
+            True,
+            f"at N = 100 it is {facts['node_clamp']:.2g} with two nodes fixed and "
+            f"{facts['good_clamp']:.2g} with the second-order clamp",
+        ),
+    ]
+
+
+@judge(
+    "slinky-onset",
+    value=number("overcurvature at which the discrete ring leaves its plane"),
+    exact=number("the same by exact linear stability"),
+)
+def slinky_onset(claim: Claim, facts: Facts) -> list[Check]:
+    return [within("the onset", facts["value"], facts["exact"], 1e-3, spread=facts.uncertainty)]
+
+
+@judge(
+    "slinky-triple",
+    value=number("overcurvature at which the discrete triple circle becomes stable"),
+    exact=number("the same by exact linear stability"),
+    stable_to=number("overcurvature at which it loses stability again"),
+)
+def slinky_triple(claim: Claim, facts: Facts) -> list[Check]:
+    return [
+        within("the threshold", facts["value"], facts["exact"], 1e-3, spread=facts.uncertainty),
+        within_percent("it", facts["value"], claim.number, 1, spread=facts.uncertainty),
+        holds(
+            facts["stable_to"] > facts["value"],
+            f"the triple circle is stable up to {facts['stable_to']:.4g}",
+        ),
+    ]
+
+
+@judge(
+    "ribbon-threshold",
+    thresholds=numbers("threshold width over sqrt(L h), for each Poisson ratio and form of xi"),
+    poisson_ratios=optional(numbers("the Poisson ratios")),
+)
+def ribbon_threshold(claim: Claim, facts: Facts) -> list[Check]:
+    least, most = facts["thresholds"].min(), facts["thresholds"].max()
+    return [
+        holds(
+            bool(least - 0.02 <= claim.number <= most + 0.02),
+            f"the threshold lies between {least:.3g} and {most:.3g}, the printed one is "
+            f"{claim.number:g}",
+        )
+    ]
+
+
+JUDGES = (
+    buckling_point,
+    buckling_distributed,
+    buckling_postcritical,
+    slinky_onset,
+    slinky_triple,
+    ribbon_threshold,
+)
