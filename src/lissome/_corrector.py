@@ -27,6 +27,8 @@ EPS = float(np.finfo(float).eps)
 #: Corrections (relative to the typical size of the unknowns) at which an iterate is accepted. The
 #: last one is applied, so that the error is of the order of its square.
 TOLERANCE = 1e-8
+#: Corrections up to which a state that is said to be an equilibrium is one.
+LARGEST_CONFIRMED = 1e-4
 #: Largest ratio of successive corrections.
 CONTRACTION = 0.5
 
@@ -141,11 +143,13 @@ def correct(
     *,
     tolerance: float = TOLERANCE,
     polish: bool = False,
+    stable: bool = False,
     max_iterations: int = 12,
 ) -> Balanced:
     """Correct a guess at a fixed parameter.
 
-    With `polish`, corrections go on until rounding errors are all that is left.
+    With `polish`, corrections go on until rounding errors are all that is left. With `stable`, every
+    iterate must have the inertia of a minimum: whoever passes an unstable state leaves the branch.
 
     Raises
     ------
@@ -154,11 +158,28 @@ def correct(
     """
 
     def newton(evaluation: Any, factors: Factorization) -> tuple[Array, Array, float]:
+        if stable and not factors.is_minimum:
+            raise CorrectionFailed("an iterate is not stable")
         dx, dm = factors.solve(-evaluation.gradient, -evaluation.constraints)
         return dx, dm, 0.0
 
     balanced, _ = _iterate(lambda p: structure, 0.0, state, multipliers, newton, tolerance,
                            polish, max_iterations, 1.0)  # fmt: skip
+    return balanced
+
+
+def confirm(structure: Any, state: Any, multipliers: Array) -> Balanced:
+    """Return a state as it is, but for a small correction, if it is an equilibrium.
+
+    Raises
+    ------
+    CorrectionFailed
+        If it is not.
+    """
+    balanced = correct(structure, state, multipliers)
+    asked = balanced.history[0].correction
+    if asked > LARGEST_CONFIRMED:
+        raise CorrectionFailed(f"Newton's method asks for a correction of {asked:.2g}")
     return balanced
 
 

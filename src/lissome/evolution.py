@@ -31,8 +31,11 @@ from ._corrector import (
     CorrectionFailed,
     as_balanced,
     as_equilibrium,
+    confirm,
     correct,
     critical_modes,
+    gauge_of,
+    typical_size,
 )
 from ._descent import descend, distance
 from ._stored import pack_equilibria, unpack_equilibria
@@ -435,6 +438,57 @@ class _Trial:
     error: float  # what the last correction of the memory changed
 
 
+class _Extrapolation:
+    """Guesses when an eigenvalue comes to zero, from its last values.
+
+    It falls like the square root of the remaining time at a fold, and linearly at a loss of symmetry.
+    The law that foretold the last value better is trusted.
+    """
+
+    def __init__(self) -> None:
+        self.points: list[tuple[float, float]] = []
+        self.guess = math.nan
+        self.power = 2
+        self.aside = 0.25  # of the remaining time: how far from the guess to aim
+        self.beyond = False
+
+    def add(self, time: float, value: float) -> bool:
+        """Take a value in. Return whether it is smaller than the one before."""
+        falling = not self.points or value < self.points[-1][1]
+        if len(self.points) >= 2 and falling:
+            misses = [
+                abs((max(self._line(p, time), 0.0)) ** (1 / p) - value) for p in (1, 2)
+            ]  # fmt: skip
+            self.power = 1 if misses[0] < misses[1] else 2
+        self.points.append((time, value))
+        if len(self.points) >= 2 and falling:
+            old, self.guess = self.guess, self._zero(self.power)
+            left = self.guess - time
+            if math.isfinite(old) and left > 0:
+                self.aside = min(max(2 * abs(self.guess - old) / left, 1e-3), 0.5)
+        else:
+            self.guess = math.nan
+        return falling
+
+    def aim(self, time: float, bracket: float, least: float) -> float:
+        """Return the length of the next trial step, within the bracket."""
+        left = self.guess - time
+        self.beyond = not self.beyond
+        if not 0 < left < bracket:
+            return 0.5 * bracket
+        aside = max(self.aside * left, 0.3 * least)
+        length = left + aside if self.beyond else left - aside
+        return length if 0 < length < 0.9 * bracket else 0.5 * bracket
+
+    def _line(self, power: int, time: float) -> float:
+        (t0, v0), (t1, v1) = self.points[-2:]
+        return v1**power + (time - t1) * (v1**power - v0**power) / (t1 - t0)
+
+    def _zero(self, power: int) -> float:
+        (t0, v0), (t1, v1) = self.points[-2:]
+        return t1 + v1**power * (t1 - t0) / (v0**power - v1**power)
+
+
 class _Lost(Exception):
     """The step does not lead to a stable equilibrium that continues the last one."""
 
@@ -478,7 +532,7 @@ class _Evolution:
             )
         structure = self.evolving.structure(memory)
         try:
-            balanced = correct(
+            balanced = confirm(
                 structure, structure.adopt(equilibrium.state), equilibrium.multipliers
             )
         except CorrectionFailed as error:
@@ -494,6 +548,7 @@ class _Evolution:
         self.time, self.memory, self.balanced = time, memory, balanced
         self.size = self.step
         self.last: Array | None = None  # increment of the unknowns in the last step
+        self.pace = 0.0  # its largest entry, relative to typical sizes, over the step
         self.steps = 0
         self.times: list[float] = []
         self.memories: list[Any] = []
@@ -602,6 +657,8 @@ class _Evolution:
                 return
             if step >= self.size:
                 self.size = step * max(0.2, min(factor, 2.0))
+        else:
+            self.size = min(self.step, 2 * self.size)
         self.accept(trial, target if step == target - self.time else self.time + step)
 
     def take_march(self, marched: Marched, target: float) -> None:
@@ -611,7 +668,7 @@ class _Evolution:
                 f"the compiled march ended at {marched.time!r} instead of {target!r}"
             )
         try:
-            balanced = correct(structure, marched.state, marched.multipliers)
+            balanced = confirm(structure, marched.state, marched.multipliers)
         except CorrectionFailed as error:
             raise self.interrupted(
                 f"the compiled march left a state off balance ({error})"
@@ -620,7 +677,7 @@ class _Evolution:
             raise self.interrupted("the compiled march accepted an unstable state")
         self.time, self.memory, self.balanced = marched.time, marched.memory, balanced
         self.steps += marched.steps
-        self.last = None
+        self.last, self.pace = None, 0.0
 
     def attempt(self, step: float) -> _Trial:
         """Return where one step leads, if it leads to a stable equilibrium nearby."""
@@ -632,7 +689,7 @@ class _Evolution:
             structure = self.evolving.structure(memory)
             state = structure.adopt(balanced.state)
             try:
-                found = correct(structure, state, balanced.multipliers)
+                found = correct(structure, state, balanced.multipliers, stable=True)
             except CorrectionFailed as reason:
                 raise _Lost(str(reason)) from reason
             if not found.stable:
@@ -647,45 +704,79 @@ class _Evolution:
             balanced, after = found, as_equilibrium(found)
         return _Trial(memory, balanced, error)
 
+    def check_continuity(self, found: Balanced, step: float) -> None:
+        """Raise if an equilibrium cannot be the continuation of the last one."""
+        structure = found.structure
+        origin = structure.adopt(self.balanced.state)
+        move = structure.difference(origin, found.state)
+        far = float(np.max(np.abs(move) / typical_size(structure, origin)))
+        if far > self.max_change:
+            raise _Lost("the equilibrium has moved far")
+        if far <= 1e-6 or far <= 4 * self.pace * step:
+            return
+        # It moves faster than before: what lies between must be stable as well.
+        between = structure.retract(origin, 0.5 * move)
+        multipliers = 0.5 * (self.balanced.multipliers + found.multipliers)
+        try:
+            kkt = structure.evaluate(between, multipliers, 2).kkt
+            inside = kkt.factorize(gauge=gauge_of(structure, between)).is_minimum
+        except FactorizationError:
+            inside = False
+        if not inside:
+            raise _Lost("there is an unstable state between the last equilibrium and this one")
+
     def accept(self, trial: _Trial, time: float) -> None:
         structure = trial.balanced.structure
-        self.last = structure.difference(structure.adopt(self.balanced.state), trial.balanced.state)
+        origin = structure.adopt(self.balanced.state)
+        self.last = structure.difference(origin, trial.balanced.state)
+        moved = float(np.max(np.abs(self.last) / typical_size(structure, origin)))
+        self.pace = moved / (time - self.time)
         self.time, self.memory, self.balanced = time, trial.memory, trial.balanced
         self.steps += 1
 
     def locate(self, failed: float) -> None:
         """Approach the loss of stability that is less than `failed` away; then snap.
 
-        A long step may fail that two short ones get through, since it errs more. So after an accepted
-        step the far end of the bracket is no more than a guess, until a step fails again.
+        A long step may fail where two short ones get through, since it errs more. So after an accepted
+        step the far end of the bracket is a guess, until a step fails again; and where the smallest
+        eigenvalue grows nothing is being lost, and the ordinary walk goes on with short steps.
         """
-        length = failed
-        confirmed, shortened = True, math.inf
-        while True:
-            if confirmed and length <= self.time_tolerance:
-                self.snap(length)
-                return
-            trial_length = 0.5 * length if confirmed or length > self.time_tolerance else length
-            trial_length = min(trial_length, shortened)
-            if not self.time + trial_length > self.time:
-                self.snap(length)
-                return
+        bracket, confirmed, shortest = failed, True, math.inf
+        extrapolation = _Extrapolation()
+        extrapolation.add(self.time, self.smallest())
+        while not (confirmed and bracket <= self.time_tolerance):
+            length = extrapolation.aim(self.time, bracket, self.time_tolerance)
+            if not confirmed and bracket <= self.time_tolerance:
+                length = bracket
+            length = min(length, shortest)
+            if not self.time + length > self.time:
+                break  # nothing is left to divide
             try:
-                trial = self.attempt(trial_length)
+                trial = self.attempt(length)
             except _Lost:
-                length, confirmed = trial_length, True
+                bracket, confirmed = length, True
                 continue
             if self.tolerance is not None and trial.error > self.tolerance:
-                shortened = 0.5 * trial_length
-                if shortened < 0.01 * self.time_tolerance:
+                shortest = 0.5 * length
+                if shortest < 1e-3 * self.time_tolerance:
                     raise self.interrupted(
                         f"no time step meets the tolerance {self.tolerance:g}; raise it"
                     )
                 continue
-            self.accept(trial, self.time + trial_length)
-            length, confirmed, shortened = length - trial_length, False, math.inf
-            if length <= 1e-3 * self.time_tolerance:
-                return  # the bracket has been crossed: there was no loss of stability
+            self.accept(trial, self.time + length)
+            bracket, confirmed, shortest = bracket - length, False, math.inf
+            growing = not extrapolation.add(self.time, self.smallest())
+            if growing or bracket <= 1e-3 * self.time_tolerance:
+                self.size = 2 * length
+                return
+        self.snap(bracket)
+
+    def smallest(self) -> float:
+        """Return the size of the eigenvalue that is nearest to zero."""
+        try:
+            return abs(float(critical_modes(self.balanced, 1, iterations=5)[0][0]))
+        except FactorizationError:
+            return 0.0
 
     def snap(self, length: float) -> None:
         """Freeze the memory just beyond the loss of stability, descend, and record the snap."""
@@ -704,7 +795,7 @@ class _Evolution:
         equilibrium = as_equilibrium(before)
         failure: EvolutionInterrupted | None = None
         # Just beyond the loss nothing is left of the old equilibrium but a flat place.
-        for beyond in (1e-6, 1e-5, 1e-4, 1e-3):
+        for beyond in (1e-5, 1e-4, 1e-3):
             ahead = max(length, beyond * self.step)
             memory = self.evolving.advance(self.memory, self.time, ahead, equilibrium, equilibrium)
             structure = self.evolving.structure(memory)
@@ -733,5 +824,5 @@ class _Evolution:
                 modes=modes, energy_released=top - after.energy, row=row,
             )
         )  # fmt: skip
-        self.last = None
+        self.last, self.pace = None, 0.0
         self.size = min(self.size, self.step)
