@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -189,7 +191,7 @@ def test_convergence_is_quadratic_at_the_end(kind):
     sizes = [line.correction for line in found.history if line.kind != "curvature"]
     last = [s for s in sizes if s < 0.1]
     assert len(last) >= 3
-    for a, b in zip(last[:-1], last[1:], strict=True):
+    for a, b in itertools.pairwise(last):
         assert b < 10 * a**2 + 1e-14
 
 
@@ -247,10 +249,13 @@ def test_hanging_chain_from_a_heap(seed):
 )
 def test_critical_points_have_no_verdict(critical):
     for require in ("stable", "any"):
+        found = None
         try:
             found = equilibrate(critical, require=require)
         except StabilityNotResolvable as error:
-            assert error.state is not None
+            state = error.state
+        if found is None:
+            assert state is not None
         else:  # from afar a minimizer may pass by and end in another, regular, minimum
             assert require == "stable"
             assert found.smallest_eigenvalue() > 0.1
@@ -319,7 +324,7 @@ def test_local_corrector_is_used_and_checked():
 
     stable = equilibrate(Quick(1.0, tip_angle=0.3))
     assert calls == [1e-9]
-    assert [line.kind for line in stable.history][0] == "fast"
+    assert stable.history[0].kind == "fast"
     buckled = equilibrate(Quick(4.0, tip_angle=0.3))  # its answer is a saddle: refused
     assert abs(buckled.state.x[-1]) > 0.5
     assert equilibrate(Quick(4.0, tip_angle=0.3), require="any").index == 1
@@ -418,13 +423,9 @@ def test_a_straight_strip_cannot_be_shortened():
 
 
 def test_wrong_gradient_does_not_pass_silently():
-    wrong = quadratic(gradient=lambda x: x + 0.3, check=False)
-    try:
-        found = equilibrate(wrong)
-    except NotConverged as error:
-        assert "gradient" in str(error)
-    else:
-        np.testing.assert_allclose(found.state.x, -0.3)  # it balances the forces that it was given
+    wrong = quadratic(gradient=lambda x: 0.1 - x, hessian=lambda x: np.eye(2), check=False)
+    with pytest.raises(NotConverged, match="gradient"):
+        equilibrate(wrong)
 
 
 def test_max_step_outside_its_range():

@@ -175,7 +175,7 @@ class Pulled(BaseStructure):
         return VectorState([0.0, self.end])
 
     def retract(self, state, dx):
-        return VectorState(state.x + [dx[0], 0.0])
+        return VectorState(state.x + np.array([dx[0], 0.0]))
 
     def difference(self, a, b):
         return (b.x - a.x)[:1]
@@ -227,8 +227,8 @@ def test_bad_arguments():
         sensitivity(family, parameter, found, step=-1.0)
     with pytest.raises(InvalidInput, match="a number"):
         sensitivity(family, parameter, found, {"bad": lambda state, m, p: state.x})
+    wrong = Output(lambda s, m, p: s.x[0], lambda s, m, p: np.ones(3))
     with pytest.raises(InvalidInput, match="state_gradient"):
-        wrong = Output(lambda s, m, p: s.x[0], lambda s, m, p: np.ones(3))
         sensitivity(family, parameter, found, {"bad": wrong})
     with pytest.raises(InvalidInput, match="residual_derivative"):
         sensitivity(

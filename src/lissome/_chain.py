@@ -474,7 +474,6 @@ def solve_chain(band, border, nb, pivots, events, count, links, inverse, z):
             y[r] = z[c, n + r]
         for r in range(nb, total):
             y[r] = 0.0
-        top = nb
         for e in range(count):
             kind = events[e, 0]
             j = events[e, 1]

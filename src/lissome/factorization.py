@@ -557,8 +557,10 @@ class ChainKKT(KKTMatrix):
                 f"argument `layout` is for {self.layout.length} columns and {self.layout.border} "
                 f"border rows; the matrix has {length} and {nb}"
             )
-        assert self.layout.unknowns is not None and self.layout.constraints is not None
-        self._unknowns, self._constraints = self.layout.unknowns, self.layout.constraints
+        unknowns, constraints = self.layout.unknowns, self.layout.constraints
+        assert unknowns is not None
+        assert constraints is not None
+        self._unknowns, self._constraints = unknowns, constraints
         self.n, self.m = self._unknowns.size, self._constraints.size
         self.band = band
         self.border = np.ascontiguousarray(rows.T)

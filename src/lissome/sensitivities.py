@@ -170,7 +170,7 @@ def sensitivity(
     point = np.array(parameter, dtype=float)
     if point.ndim > 1 or not np.all(np.isfinite(point)):
         raise InvalidInput(
-            f"argument `parameter` is {parameter}; it must be a finite number or vector"
+            f"argument `parameter` is {parameter!r}; it must be a finite number or vector"
         )
     scalar = point.ndim == 0
     vector = np.atleast_1d(point)
@@ -206,7 +206,7 @@ def sensitivity(
         np.abs(balance.constraints) > 1e-5 * np.max(closure, initial=0.0)
     ):
         raise InvalidInput(
-            f"argument `equilibrium` is not balanced in family({parameter}); pass the parameter "
+            f"argument `equilibrium` is not balanced in family({point}); pass the parameter "
             "at which it was found"
         )
 
@@ -232,7 +232,7 @@ def sensitivity(
             if not np.all(np.isfinite(both)):
                 raise InvalidInput(
                     f"the residual of `family` is not finite within {2 * steps[i]:.3g} of the "
-                    f"parameter {parameter}; pass a smaller `step`"
+                    f"parameter {point}; pass a smaller `step`"
                 )
             dg[:, i], dc[:, i] = both[:n], both[n:]
 

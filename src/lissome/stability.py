@@ -117,7 +117,8 @@ def _lanczos(
         alpha.append(float(v @ (metric * w)))
         w = clean(w, basis)
         norm = math.sqrt(float(w @ (metric * w)))
-        exhausted = norm <= 1e-13 * max(abs(alpha[0]), first, *map(abs, alpha))
+        # A remainder near round-off is noise, and need not be admissible: stop before it.
+        exhausted = norm <= 1e-9 * max(abs(alpha[0]), first, *map(abs, alpha))
         size = len(basis)
         if exhausted or size == limit or size % 4 == 0:
             ritz, u = np.linalg.eigh(
@@ -136,6 +137,18 @@ def _lanczos(
             "for fewer"
         )
     return ritz, u.T @ basis
+
+
+def _admissible(factor: Factorization, metric: Array, modes: Array) -> Array:
+    """Return a basis, orthonormal in the metric, of what one inverse iteration makes of `modes`.
+
+    It purges what rounding errors left of motions that the constraints forbid.
+    """
+    images = factor.solve((metric * modes).T)[0].T
+    images /= np.sqrt(np.sum(images * metric * images, axis=1))[:, None]
+    sizes, turn = np.linalg.eigh(images @ (metric * images).T)
+    keep = sizes > 1e-6  # two copies of one mode leave only noise
+    return (turn[:, keep] / np.sqrt(sizes[keep])).T @ images
 
 
 def _rayleigh(kkt: KKTMatrix, metric: Array, modes: Array, zero: Array) -> tuple[Array, Array]:
@@ -272,7 +285,8 @@ def smallest_eigenvalue(
     modes = np.zeros((0, kkt.n))
     for seed in range(count + 8):
         _, new = _lanczos(factor, metric, count, modes, seed, tolerance)
-        values, modes = _rayleigh(kkt, metric, np.vstack([modes, new]), zero)
+        modes = _admissible(factor, metric, np.vstack([modes, new]))
+        values, modes = _rayleigh(kkt, metric, modes, zero)
         values, modes = values[:count], modes[:count]
         if len(values) < count:
             continue
