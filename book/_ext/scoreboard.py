@@ -359,7 +359,8 @@ def _claim(app, docname, row):
     else:
         paragraph += nodes.reference("", claim.place, refuri=address, internal=True)
     paragraph += nodes.Text(f": {claim.text}")
-    return paragraph
+    test = nodes.paragraph("", f"Test: {_sentence(claim.test)}", classes=["scoreboard-small"])
+    return [paragraph, test]
 
 
 def _address(app, docname, claim):
@@ -381,12 +382,16 @@ def _verdict(row):
     )
     cells = [paragraph]
     if row.why:
-        cells.append(nodes.paragraph("", _sentence(row.why), classes=["scoreboard-why"]))
+        cells.append(nodes.paragraph("", _sentence(row.why), classes=["scoreboard-small"]))
+    if row.claim.slot and not literature.is_available(row.claim.slot):
+        said = "The measured or published points are awaited."
+        cells.append(nodes.paragraph("", said, classes=["scoreboard-small"]))
     return cells
 
 
 def _sentence(text):
-    text = text[0].upper() + text[1:]
+    if text[:2].isalpha():  # not a symbol
+        text = text[0].upper() + text[1:]
     return text if text.endswith(".") else text + "."
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lissome import scoreboard
+from lissome import literature, scoreboard
 
 EXTENSIONS = Path(__file__).resolve().parents[2] / "book" / "_ext"
 CONF = f"""
@@ -70,7 +70,7 @@ CHAPTER = (
 ## Best angle
 
 ```{code-cell} ipython3
-from lissome import scoreboard
+from lissome import literature, scoreboard
 
 window = {"intensities": [3, 5, 10], "lower": [60, 50, 40], "upper": [70, 75, 80]}
 window |= {"resolution": 0.1, "frequencies": [0.1, 0.2, 0.3], "angle": 65}
@@ -177,6 +177,10 @@ def test_the_board_links_to_the_claims(book):
         assert f'class="verdict verdict-{verdict}"' in text
     assert "≠ differs" in plain(text)
     assert "at most 0.5 allowed" in plain(text)
+    assert "Test: Argmax to 0.1 degree within 0.5 of the printed value" in plain(text)
+    slots = {claim.slot for claim in scoreboard.claims().values()} - {""}
+    said = plain(text).count("The measured or published points are awaited.")
+    assert (said > 0) == bool(slots & set(literature.awaited()))
     for claim in scoreboard.claims().values():
         assert claim.place in plain(text).replace("&lt;", "<").replace("&amp;", "&")
 
