@@ -4,9 +4,11 @@ Every case runs in processes of its own, on a small package in a temporary folde
 by the same machinery as the library (``make_jit`` pointed at it).
 """
 
+import hashlib
 import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -269,22 +271,34 @@ def test_closures_from_two_processes_keep_their_own_code(tiny):
     ],
     ids=["empty", "truncated", "rubbish", "tail", "one bit", "unreadable", "other content"],
 )
-def test_damaged_entries_are_compiled_anew(tiny, damage):
-    code = """
-        import json
-        from tiny.kernels import by_module as f
-        print(json.dumps([f(1.0), sum(f.stats.cache_hits.values())]))
-    """
-    assert tiny.run(code) == [12.0, 0]
+def test_damaged_entries_are_compiled_anew(tiny, filled, damage):
+    tiny.cache = tiny.folder / "copy"
+    shutil.copytree(filled.cache, tiny.cache)
     for path in tiny.entries():
         path.write_bytes(damage(path.read_bytes()))
-    assert tiny.run(code) == [12.0, 0]
-    assert tiny.run(code) == [12.0, 1]
+    assert tiny.run(BY_MODULE) == [12.0, 0]
+    assert len(tiny.entries()) == len(filled.entries())
+    for path in tiny.entries():  # whole again
+        data = path.read_bytes()
+        assert data == sealed(data[len(_compile._MAGIC) + 32 :])
+
+
+BY_MODULE = """
+    import json
+    from tiny.kernels import by_module as f
+    print(json.dumps([f(1.0), sum(f.stats.cache_hits.values())]))
+"""
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    filled = Tiny(tmp_path_factory.mktemp("filled"))
+    assert filled.run(BY_MODULE) == [12.0, 0]
+    assert filled.run(BY_MODULE) == [12.0, 1]
+    return filled
 
 
 def sealed(payload):
-    import hashlib
-
     return _compile._MAGIC + hashlib.sha256(payload).digest() + payload
 
 
