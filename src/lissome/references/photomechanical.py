@@ -37,10 +37,12 @@ from ..errors import InvalidInput, NotConverged, Unstable
 
 __all__ = [
     "Snap",
+    "SteadyLimit",
     "StripHistory",
     "absorption_moment",
     "dimensionless_illumination",
     "snap_time",
+    "steady_limit",
     "strip_history",
     "strip_period",
 ]
@@ -297,6 +299,7 @@ class _Strip:
         """
         step = 0.25
         a = self._restore(a)
+        scale = float(np.linalg.norm(a))  # about 2 at span 0.95; shallow strips move less
         away = np.inf if leaving is None else float(np.linalg.norm(a - leaving))
         energy = 0.5 * float((a - k) @ (a - k))
         for sweep in range(4000):
@@ -304,12 +307,12 @@ class _Strip:
             force = k - a
             force = force - gradient @ np.linalg.lstsq(gradient, force, rcond=None)[0]
             slope = float(force @ force)
-            if slope < 1e-6 and sweep % 5 == 0:
+            if slope < 1e-6 * scale**2 and sweep % 5 == 0:
                 try:
                     found, multipliers = self.equilibrium(a, k)
                 except NotConverged:
                     found = np.full_like(a, np.inf)
-                if np.linalg.norm(found - a) < 0.05:
+                if np.linalg.norm(found - a) < 0.03 * scale:
                     low = self.eigen(found, multipliers)[0][0]
                     far = leaving is None or np.linalg.norm(found - leaving) > 5 * away
                     if low > 1e-3 and far:
@@ -319,7 +322,7 @@ class _Strip:
             while True:
                 trial = self._restore(a + step * force)
                 new = 0.5 * float((trial - k) @ (trial - k))
-                if new <= energy - 0.25 * step * slope + 1e-15 * (1.0 + energy):
+                if new <= energy - 0.25 * step * slope + 1e-15 * (energy + scale**2):
                     break
                 step *= 0.5
                 if step < 1e-12:
@@ -389,6 +392,29 @@ class _Strip:
             light = light * self.spot(self._abscissa(a, s))
         return _legendre(s, b.modes).T @ (w * light)
 
+    def lit_slope(self, a: Array) -> Array:
+        """Derivative of :meth:`lit` in the modes, shape (modes, modes)."""
+        b = self.basis
+        theta = b.integrals @ a
+        cosine = np.cos(theta - self.angle)
+        ends = [0.0, *([] if np.all(cosine > 0) else self._terminators(a, cosine)), 1.0]
+        lengths = np.diff(ends)
+        s = (np.array(ends[:-1])[:, None] + lengths[:, None] * b.arc_nodes).ravel()
+        w = (lengths[:, None] * b.arc_weights).ravel()
+        integrals = _integrated(s, b.modes)
+        phase = integrals @ a - self.angle
+        bright = np.cos(phase) > 0
+        change = np.where(bright, -np.sin(phase), 0.0)[:, None] * integrals
+        if self.spot is not None:
+            x, h = self._abscissa(a, s), 1e-6
+            light = np.where(bright, np.cos(phase), 0.0)
+            slope = (self.spot(x + h) - self.spot(x - h)) / (2 * h)
+            # dX(s) = -int_0^s sin(theta) du through Legendre series
+            sine = (b.weights * np.sin(theta))[:, None] * b.integrals
+            moved = -np.outer(s, sine.sum(axis=0)) - integrals @ (b.values.T @ sine)
+            change = self.spot(x)[:, None] * change + (slope * light)[:, None] * moved
+        return (_legendre(s, b.modes).T * w) @ change
+
     def _abscissa(self, a: Array, s: Array) -> Array:
         """X(s), through the Legendre series of cos(theta)."""
         b = self.basis
@@ -412,6 +438,8 @@ def _run(
 ) -> StripHistory:
     m = strip.basis.modes
     a, multipliers = strip.equilibrium(a, k)
+    scale = 0.5 * float(np.linalg.norm(a))  # shallow strips turn on a smaller scale
+    atol = np.concatenate([np.full(2 * m, scale), np.ones(3)]) * 0.01 * rtol
     time, steady = 0.0, False
     rows: list[tuple[float, Array, Array, Array, float]] = []
     snaps: list[Snap] = []
@@ -433,8 +461,11 @@ def _run(
             right = np.concatenate([rate, [0.0, 0.0]])
             moved = lu_solve(factor, right, check_finite=False)
             tangent = np.concatenate([rate, moved, [1.0]])
-            tangent /= np.sqrt(1.0 + moved[:m] @ moved[:m])
-            if tangent[m:] @ reference[m:] < 0:
+            tangent /= np.sqrt(1.0 + moved[:m] @ moved[:m] / scale**2)
+            if (
+                tangent[m : 2 * m] @ reference[m : 2 * m] / scale**2 + tangent[-1] * reference[-1]
+                < 0
+            ):
                 tangent = -tangent
             return tangent
 
@@ -442,7 +473,7 @@ def _run(
             raise Unstable("the start is not a stable equilibrium", state=(a, k))
         tangent = path(0.0, y)
         reference[:] = tangent
-        solver = DOP853(path, 0.0, y, np.inf, rtol=rtol, atol=0.01 * rtol, max_step=0.25)
+        solver = DOP853(path, 0.0, y, np.inf, rtol=rtol, atol=atol, max_step=0.25)
         while True:
             old = solver.y.copy()
             message = solver.step()
@@ -472,13 +503,16 @@ def _run(
                 a, multipliers = strip.equilibrium(snap.after, k)
                 break
             if new[-1] >= until:
-                dense = solver.dense_output()
-                place = brentq(lambda x: dense(x)[-1] - until, solver.t_old, solver.t, xtol=1e-13)
-                record(until, dense(place))
+                last = solver.dense_output()
+
+                def late(x: float, last: object = last) -> float:
+                    return float(last(x)[-1] - until)  # type: ignore[operator]
+
+                record(until, last(brentq(late, solver.t_old, solver.t, xtol=1e-13)))
                 time = until
                 break
             record(new[-1], new)
-            if np.linalg.norm(strip.rate(new[m : 2 * m], new[:m])) < still:
+            if np.linalg.norm(strip.rate(new[m : 2 * m], new[:m])) < still * scale:
                 steady = True
                 time = float(new[-1])
                 break
@@ -500,17 +534,22 @@ def _jump(strip: _Strip, y: Array, kind: str, perturbation: float) -> Snap:
     m = strip.basis.modes
     k, a = y[:m], y[m : 2 * m]
     _, mode = strip.eigen(a, y[2 * m : 2 * m + 2])
-    mode = mode / np.linalg.norm(mode)
+    mode = mode * (np.linalg.norm(a) / np.linalg.norm(mode))
     starts = [strip._restore(a + sign * perturbation * mode) for sign in (1.0, -1.0)]
     starts.sort(key=lambda start: float((start - k) @ (start - k)))
     best: Array | None = None
     lowest = np.inf
     # at a fold the energy falls on one side only; at a symmetric loss of stability on both
-    for start in starts if kind == "bifurcation" else starts[:1]:
-        found, _ = strip.descend(start, k, leaving=a)
+    for start in starts:
+        try:
+            found, _ = strip.descend(start, k, leaving=a)
+        except (NotConverged, Unstable):
+            continue  # this side leads back to the critical state
         energy = float((found - k) @ (found - k))
         if energy < lowest:
             best, lowest = found, energy
+        if kind == "fold":
+            break
     if best is None:
         raise NotConverged(f"no state found to snap to at T = {y[-1]:g}", state=(a, k))
     direction = int(np.sign(strip.height(best) - strip.height(a)))
@@ -563,7 +602,7 @@ def strip_history(
     still : float, optional
         The run ends early where the rate of natural curvature is smaller than this.
     perturbation : float, optional
-        First push along the critical mode after a loss of stability.
+        First push along the critical mode after a loss of stability, relative to the shape.
 
     Returns
     -------
@@ -714,3 +753,179 @@ def snap_time(
         1e-2,
     )
     return history.snaps[0].time if history.snaps else np.inf
+
+
+@dataclass(frozen=True)
+class SteadyLimit:
+    """End of the stable steady states of a lit strip, as the light grows.
+
+    Attributes
+    ----------
+    response : float
+        Illumination there.
+    kind : {"snap", "fold", "oscillation"}
+        "snap": the lowest mechanical eigenvalue vanishes, so that the strip would snap at fixed
+        natural curvature; "fold": the steady state merges with another one while it is
+        mechanically stable; "oscillation": a pair of rates of the slow motion crosses the
+        imaginary axis.
+    eigenvalue : float
+        Lowest mechanical eigenvalue there.
+    rates : ndarray of complex, shape (modes,)
+        Rates of small slow motions, in order of falling real part, just before the limit.
+    shape : ndarray, shape (modes,)
+        Legendre modes of the curvature.
+    """
+
+    response: float
+    kind: str
+    eigenvalue: float
+    rates: npt.NDArray[np.complex128]
+    shape: Array
+
+
+def steady_limit(
+    angle: float,
+    span: float,
+    *,
+    sign: int = 1,
+    up: bool = True,
+    spot: tuple[float, float] | None = None,
+    modes: int = 32,
+    step: float = 0.15,
+    limit: float = 100.0,
+) -> SteadyLimit | None:
+    r"""Follow the steady states :math:`K_0 = \Lambda g f(\theta - \theta_I)` until they lose stability.
+
+    Under even light the strip flaps where the steady states of both branches have ended. Small slow
+    motions :math:`\propto e^{\sigma T}` about a steady state are those of
+    :math:`\dot k = -k + \Lambda\,(\partial\,\text{light}/\partial a)(\partial a/\partial k)\,k`.
+
+    Parameters
+    ----------
+    angle : float
+        Angle of the light from the vertical, in radians.
+    span : float
+        Distance of the clamps, in (0, 1).
+    sign : {1, -1}, optional
+        Sign of the response.
+    up : bool, optional
+        Branch that starts buckled up, or down.
+    spot : (float, float), optional
+        Center and width of a Gaussian beam.
+    modes : int, optional
+        Legendre modes.
+    step : float, optional
+        Largest step of pseudo-arclength continuation.
+    limit : float, optional
+        Largest illumination.
+
+    Returns
+    -------
+    SteadyLimit or None
+        None if the branch reaches `limit` stable.
+
+    Raises
+    ------
+    NotConverged
+        If a corrector fails.
+
+    Examples
+    --------
+    >>> end = steady_limit(0.8, 0.95, modes=20)
+    >>> end.kind
+    'snap'
+    """
+    if sign not in (1, -1):
+        raise InvalidInput(f"argument `sign` is {sign!r}; pass 1 or -1")
+    strip = _strip(1.0, angle, span, modes, spot)
+    m = strip.basis.modes
+    size = positive("step", step)
+    top = positive("limit", limit)
+    a = _buckled(strip, bool(up))
+    _, multipliers = strip.equilibrium(a, np.zeros(m))
+
+    def system(z: Array) -> tuple[Array, Array]:
+        a, multipliers, light = z[:m], z[m : m + 2], sign * z[-1]
+        value, gradient = strip.constraints(a)
+        lit = strip.lit(a)
+        residual = np.concatenate([a - light * lit + gradient @ multipliers, value])
+        matrix = np.zeros((m + 2, m + 3))
+        matrix[:, : m + 2] = strip.kkt(a, multipliers)
+        matrix[:m, :m] -= light * strip.lit_slope(a)
+        matrix[:m, -1] = -sign * lit
+        return residual, matrix
+
+    def slow_rates(z: Array) -> npt.NDArray[np.complex128]:
+        inverse = np.linalg.inv(strip.kkt(z[:m], z[m : m + 2]))[:m, :m]
+        rates = np.linalg.eigvals(sign * z[-1] * strip.lit_slope(z[:m]) @ inverse - np.eye(m))
+        return np.asarray(rates[np.argsort(-rates.real)], dtype=complex)
+
+    weight = np.ones(m + 3)
+    weight[m : m + 2] = 1e-2  # multipliers are large numbers
+
+    def tangent_at(z: Array, old: Array) -> Array:
+        _, matrix = system(z)
+        right = np.zeros(m + 3)
+        right[-1] = 1.0
+        tangent = np.linalg.solve(np.vstack([matrix, weight * old]), right)
+        return np.asarray(tangent / np.sqrt(tangent @ (weight * tangent)))
+
+    def corrected(z: Array, tangent: Array, length: float) -> Array:
+        guess = z + length * tangent
+        for _ in range(12):
+            residual, matrix = system(guess)
+            gap = (guess - z) @ (weight * tangent) - length
+            bordered = np.vstack([matrix, weight * tangent])
+            change = np.linalg.solve(bordered, -np.append(residual, gap))
+            guess = guess + change
+            if np.max(np.abs(change[:m])) < 1e-10:
+                return np.asarray(guess)
+        raise NotConverged("corrector failed on the branch of steady states", state=guess)
+
+    def lowest(z: Array) -> float:
+        return float(strip.eigen(z[:m], z[m : m + 2])[0][0])
+
+    z = np.concatenate([a, multipliers, [0.0]])
+    tangent = tangent_at(z, np.append(np.zeros(m + 2), 1.0))
+    while z[-1] < top:
+        length = size
+        while True:
+            try:
+                new = corrected(z, tangent, length)
+                break
+            except NotConverged:
+                length *= 0.5
+                if length < 1e-5:
+                    raise
+        ahead = tangent_at(new, tangent)
+        before, direction = z, tangent
+
+        def along(x: float, before: Array = before, direction: Array = direction) -> Array:
+            return corrected(before, direction, x)
+
+        tests = {
+            "snap": lambda x, along=along: lowest(along(x)),
+            "fold": lambda x, along=along, old=direction: float(tangent_at(along(x), old)[-1]),
+            "oscillation": lambda x, along=along: -float(slow_rates(along(x))[0].real),
+        }
+        found: list[tuple[float, str]] = []
+        if lowest(new) <= 0.0:
+            found.append((brentq(tests["snap"], 0.0, length, xtol=1e-11), "snap"))
+        if ahead[-1] <= 0.0:
+            found.append((brentq(tests["fold"], 0.0, length, xtol=1e-11), "fold"))
+        # slow rates may cross the axis and change their kind within the last step: look closely
+        end = min(found)[0] if found else length
+        places = end * (1.0 - np.geomspace(1.0, 1e-6, 25)) if found else np.array([0.0, end])
+        last = places[0]
+        for place in places[1:]:
+            if tests["oscillation"](place) < 0.0:
+                found.append((brentq(tests["oscillation"], last, place, xtol=1e-10), "oscillation"))
+                break
+            last = place
+        if found:
+            place, kind = min(found)
+            end = along(place)
+            rates = slow_rates(along(max(0.0, place * (1 - 1e-4))))
+            return SteadyLimit(float(end[-1]), kind, lowest(end), rates, end[:m].copy())
+        z, tangent = new, ahead
+    return None
