@@ -613,6 +613,35 @@ def test_a_moving_support_is_adopted():
         assert equilibrium.state.x == pytest.approx(exact, abs=1e-9)
 
 
+def test_the_exact_derivative_gives_the_same_branch():
+    def slope(p, state, multipliers):
+        return -state.x, np.zeros(0)
+
+    by_differences = follow(subcritical, -1.0, 1.0)
+    exact = follow(subcritical, -1.0, 1.0, residual_derivative=slope)
+    assert exact.table.equals(by_differences.table)
+    one, other = (b.switch(b.events[0], outputs=X).table for b in (by_differences, exact))
+    assert one.x.to_numpy() == pytest.approx(other.x.to_numpy(), abs=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_a_family_may_refuse_what_lies_beyond_its_ends(offset):
+    def family(p):
+        q = p - offset
+        if not 0 <= q <= 1:
+            raise InvalidInput(f"argument `p` is {p}; it must lie in [0, 1]")
+        return polynomial([-q, 1.0, 0.0, 1.0])
+
+    branch = follow(family, offset, offset + 1.0, outputs=X)
+    x = branch.table.x.to_numpy()
+    assert x + x**3 == pytest.approx(branch.table.parameter.to_numpy() - offset, abs=1e-9)
+    assert branch.table.parameter.iloc[-1] == offset + 1.0
+    back = follow(family, offset + 1.0, offset, outputs=X)
+    assert back.table.x.iloc[-1] == pytest.approx(0.0, abs=1e-9)
+    with pytest.raises(BranchInterrupted, match="no structure at"):
+        follow(family, offset, offset + 1.5)
+
+
 # ---- interruptions ----------------------------------------------------------------------------------
 
 

@@ -13,15 +13,17 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .equilibrium import Equilibrium, Iteration
-from .errors import FactorizationError, LissomeError
+from .errors import FactorizationError, InvalidInput, LissomeError
 from .factorization import Factorization, KKTMatrix
 from .structure import Evaluation
 
 Array = NDArray[np.float64]
 Family = Callable[[float], Any]
+#: Function of parameter, state and multipliers: derivatives of gradient and constraints.
+Slope = Callable[[float, Any, Array], tuple[ArrayLike, ArrayLike]]
 EPS = float(np.finfo(float).eps)
 
 #: Corrections (relative to the typical size of the unknowns) at which an iterate is accepted. The
@@ -236,6 +238,16 @@ def correct_on_plane(
     )  # fmt: skip
 
 
+def member(family: Family, parameter: float) -> Any:
+    """Return the structure of a parameter that a step has come to, if the family has one there."""
+    try:
+        return family(parameter)
+    except InvalidInput as error:
+        raise CorrectionFailed(
+            f"the family has no structure at {parameter:.8g}: {error}"
+        ) from error
+
+
 def _iterate(
     family: Family,
     parameter: float,
@@ -248,7 +260,7 @@ def _iterate(
     scale: float,
     contraction: float = CONTRACTION,
 ) -> tuple[Balanced, float]:
-    structure = family(parameter)
+    structure = member(family, parameter)
     size = typical_size(structure, state)
     noise = float(structure.noise(state))
     history: list[Iteration] = []
@@ -315,7 +327,7 @@ def _iterate(
         previous = correction
         if dp != 0.0:
             parameter += dp
-            structure = family(parameter)
+            structure = member(family, parameter)
             state = structure.adopt(state)
         state = structure.retract(state, dx)
         multipliers = multipliers + dm
@@ -342,7 +354,7 @@ def _with_last_correction(
         return None
     if dp != 0.0:
         parameter += dp
-        structure = family(parameter)
+        structure = member(family, parameter)
         state = structure.adopt(state)
     state = structure.retract(state, dx)
     multipliers = multipliers + dm
@@ -356,23 +368,51 @@ def _with_last_correction(
 
 
 def residual_slope(
-    family: Family, parameter: float, state: Any, multipliers: Array, scale: float
+    family: Family,
+    parameter: float,
+    state: Any,
+    multipliers: Array,
+    scale: float,
+    exact: Slope | None = None,
 ) -> tuple[Array, Array]:
     """Return the derivatives of gradient and constraints with respect to the parameter.
 
-    Central differences of the family, of second order; prescribed support values move along.
+    Without the `exact` function: differences of the family, of second order, on one side where the
+    family refuses the other side as invalid. Prescribed support values move along.
     """
-    h = EPS ** (1.0 / 3.0) * max(abs(parameter), scale)
-    ahead, back = parameter + h, parameter - h
-    values = []
-    for p in (ahead, back):
+    if exact is not None:
+        force, closure = exact(parameter, state, multipliers)
+        return np.asarray(force, dtype=float), np.asarray(closure, dtype=float)
+
+    def residual(p: float) -> tuple[Array, Array]:
         structure = family(p)
-        values.append(structure.evaluate(structure.adopt(state), multipliers, 1))
-    width = ahead - back
-    return (
-        (values[0].gradient - values[1].gradient) / width,
-        (values[0].constraints - values[1].constraints) / width,
-    )
+        here = structure.evaluate(structure.adopt(state), multipliers, 1)
+        return here.gradient, here.constraints
+
+    # Far from p = 0 the rounding of p itself asks for a longer step.
+    h = EPS ** (1.0 / 3.0) * max(scale, 1e-3 * abs(parameter))
+    sides: list[tuple[float, tuple[Array, Array]]] = []
+    refusal: InvalidInput | None = None
+    for side in (1.0, -1.0):
+        try:
+            place = parameter + side * h
+            sides.append((place - parameter, residual(place)))
+        except InvalidInput as error:
+            refusal = error
+    if len(sides) == 1:
+        far = parameter + 2.0 * sides[0][0]
+        sides += [(far - parameter, residual(far)), (0.0, residual(parameter))]
+        (a, near), (b, further), (_, here) = sides
+        weights = (b / (a * (b - a)), -a / (b * (b - a)))
+        first, second = (
+            weights[0] * (near[i] - here[i]) + weights[1] * (further[i] - here[i]) for i in (0, 1)
+        )
+        return first, second
+    if not sides:
+        assert refusal is not None
+        raise refusal
+    (a, ahead), (b, back) = sides
+    return (ahead[0] - back[0]) / (a - b), (ahead[1] - back[1]) / (a - b)
 
 
 def critical_modes(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -61,6 +62,8 @@ def descend(
     slack = 1e3 * EPS * (abs(top) + abs(before.energy))
 
     def lagrangian(dx: Array) -> float:
+        if structure.max_step(state, dx) < 1.0:
+            return math.inf
         here = structure.evaluate(structure.retract(state, dx), before.multipliers, 0)
         return here.energy + float(before.multipliers @ here.constraints)
 

@@ -44,12 +44,14 @@ from ._corrector import (
     Balanced,
     CorrectionFailed,
     Family,
+    Slope,
     as_balanced,
     as_equilibrium,
     correct,
     correct_on_plane,
     critical_modes,
     lowest_of_stable,
+    member,
     residual_slope,
     typical_size,
 )
@@ -235,6 +237,7 @@ class Branch:
     rows: tuple[_Row, ...] = field(repr=False)
     settings: _Settings = field(repr=False)
     outputs: Outputs = field(repr=False)
+    derivative: Slope | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -347,7 +350,7 @@ class Branch:
             event.equilibrium.structure, event.equilibrium.state, old.start, old.stop,
             bounds=bounds, outputs=outputs, switching=True, **{**keep, **options},
         )  # fmt: skip
-        follower = _Follower(self.family, settings, outputs, None, 0.0)
+        follower = _Follower(self.family, settings, outputs, None, 0.0, self.derivative)
         follower.begin_at_bifurcation(event, sign, mode, amplitude)
         return follower.run()
 
@@ -398,6 +401,7 @@ def follow(
     overshoot: float = 1e-6,
     eigenvalues: bool = True,
     scale: float | None = None,
+    residual_derivative: Slope | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = 2.0,
 ) -> Branch:
@@ -445,6 +449,10 @@ def follow(
     scale : float, optional
         Size X of the unknowns, in the metric norm, that counts as much as the whole interval of the
         parameter; by default the structure's typical sizes.
+    residual_derivative : callable, optional
+        Function of parameter, state and multipliers that returns the derivatives of the gradient of
+        the Lagrangian and of the constraints with respect to the parameter, shapes (n,) and (m,). By
+        default they are found by differences, which costs two evaluations for each step.
     checkpoint : path, optional
         File that is written as the branch grows. If it exists, the same call goes on from it.
     checkpoint_every : float, optional
@@ -511,7 +519,7 @@ def follow(
     )  # fmt: skip
     follower = _Follower(
         family, settings, outputs, None if checkpoint is None else Path(checkpoint),
-        positive("checkpoint_every", checkpoint_every),
+        positive("checkpoint_every", checkpoint_every), residual_derivative,
     )  # fmt: skip
     if checkpoint is None or not follower.resume():
         follower.begin(initial)
@@ -646,8 +654,10 @@ class _Follower:
         outputs: Outputs,
         checkpoint: Path | None,
         checkpoint_every: float,
+        derivative: Slope | None,
     ) -> None:
         self.family = family
+        self.derivative = derivative
         self.settings = settings
         self.outputs = outputs
         self.checkpoint = checkpoint
@@ -681,8 +691,9 @@ class _Follower:
         self, balanced: Balanced, parameter: float, along: tuple[Array, float]
     ) -> _Tangent:
         slope = residual_slope(
-            self.family, parameter, balanced.state, balanced.multipliers, self.settings.range
-        )
+            self.family, parameter, balanced.state, balanced.multipliers, self.settings.range,
+            self.derivative,
+        )  # fmt: skip
         dx, dm = balanced.factorization.solve(-slope[0], -slope[1])
         metric = self._metric(balanced)
         length = self._norm(metric, dx, 1.0)
@@ -702,7 +713,7 @@ class _Follower:
         )  # fmt: skip
 
     def _displaced(self, parameter: float, dx: Array, dm: Array) -> tuple[Any, Any, Array]:
-        structure = self.family(parameter)
+        structure = member(self.family, parameter)
         state = structure.adopt(self.anchor.state)
         if structure.max_step(state, dx) < 1.0:
             raise CorrectionFailed("the prediction leaves the domain of the energy")
@@ -728,7 +739,7 @@ class _Follower:
             self._metric(self.anchor) * self.tangent.dx / s.scale**2,
             self.tangent.dp / s.range**2,
         )
-        slope = residual_slope(self.family, parameter, state, multipliers, s.range)
+        slope = residual_slope(self.family, parameter, state, multipliers, s.range, self.derivative)
         balanced, parameter = correct_on_plane(
             self.family, parameter, state, multipliers, row, slope, s.range,
             tolerance=s.tolerance, polish=polish, contraction=contraction,
@@ -860,6 +871,7 @@ class _Follower:
         return Branch(
             family=self.family, events=tuple(self.events), finished=self.finished,
             rows=tuple(self.rows), settings=self.settings, outputs=self.outputs,
+            derivative=self.derivative,
         )  # fmt: skip
 
     def _interrupted(self, message: str) -> BranchInterrupted:
