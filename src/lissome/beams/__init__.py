@@ -14,6 +14,7 @@ Examples
 3.03
 """
 
+from ._material import Illumination, absorption_moment, illumination
 from ._motion import History, Motion, Period, Snap
 from ._structures import ClampedStrip, Elastica, ElasticaEquilibrium, Ring, Shape
 from ._survey import FirstSnap, Flapping, first_snap, flapping
@@ -27,6 +28,7 @@ __all__ = [
     "Flapping",
     "GaussianSpot",
     "History",
+    "Illumination",
     "Light",
     "Motion",
     "ParallelLight",
@@ -35,6 +37,8 @@ __all__ = [
     "Shape",
     "Snap",
     "UserLight",
+    "absorption_moment",
     "first_snap",
     "flapping",
+    "illumination",
 ]

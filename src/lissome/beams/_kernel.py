@@ -22,6 +22,9 @@ import numpy as np
 
 from lissome._tridiagonal import (
     CONVERGED,
+    DIAGONAL,
+    GRADIENT,
+    OFF_DIAGONAL,
     chain_work,
     jit,
     make_solvers,
@@ -63,10 +66,16 @@ EXPONENTIAL_1 = 1
 EXPONENTIAL_2 = 2
 
 # Entries of the mutable record `clock`.
-TIME, CONTACT, TRIAL, ENERGY, RESIDUAL, STEPS, REJECTED, COS, SIN, SHIFT_X, SHIFT_Y, EIGENVALUE = (
-    range(12)
-)
+TIME, TRIAL, ENERGY, RESIDUAL, STEPS, REJECTED, EIGENVALUE = range(7)
+CONTACT, COS, SIN, SHIFT_X, SHIFT_Y = range(7, 12)
 CLOCK_SIZE = 12
+# Columns of a recorded row: time, energy, eigenvalue, contact and pose; then multipliers, angles and
+# curvature.
+SCALARS = 8
+
+# Rows of `Space.nodes` and `Space.springs`.
+SINE, COSINE, OLD_ANGLES, X, Y, LEAN = range(6)
+TARGET, TARGET_NEXT, NEW, OLD = range(4)
 
 
 class Chain(NamedTuple):
@@ -113,67 +122,47 @@ class Options(NamedTuple):
 
 
 class Space(NamedTuple):
-    """Scratch arrays of the time loop."""
+    """Scratch arrays of the time loop.
 
-    sine: np.ndarray
-    cosine: np.ndarray
-    target: np.ndarray
-    target_next: np.ndarray
-    new_curvature: np.ndarray
-    old_angles: np.ndarray
-    old_curvature: np.ndarray
-    old_multipliers: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    lean: np.ndarray
+    ``nodes`` (6, M): sines, cosines, old angles, positions, lean; ``springs`` (4, M - 1): what the
+    light asks for now and at the end of the step, new and old curvature; ``masses`` and ``mode`` (n,);
+    ``saved``: clock and multipliers at the start of the step.
+    """
+
+    nodes: np.ndarray
+    springs: np.ndarray
     masses: np.ndarray
     mode: np.ndarray
+    saved: np.ndarray
 
 
-@jit
-def space_for(chain, size):
+def space_for(chain: Chain, size: int) -> Space:
     """Allocate the scratch arrays for a chain of ``size`` angles."""
-    n = chain.last - chain.first
-    masses = np.full(n, chain.spacing)
-    if chain.first == 0:
-        masses[0] = chain.weight_start
-    if chain.last == size:
-        masses[n - 1] = chain.weight_end
+    weights = np.full(size, chain.spacing)
+    weights[0], weights[-1] = chain.weight_start, chain.weight_end
+    masses = weights[chain.first : chain.last].copy()
     return Space(
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size - 1),
-        np.zeros(size - 1),
-        np.zeros(size - 1),
-        np.zeros(size),
-        np.zeros(size - 1),
-        np.zeros(2),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
+        np.zeros((6, size)),
+        np.zeros((4, size - 1)),
         masses,
-        np.zeros(n),
+        np.zeros(masses.size),
+        np.zeros(CLOCK_SIZE + 2),
     )
 
 
 @jit
-def _copy(source, target):
-    # An assignment to a slice compiles into much more code (messages about shapes).
-    for j in range(source.size):
-        target[j] = source[j]
-
-
-@jit
-def evaluate(data, x, multipliers, gradient, diagonal, off_diagonal, constraints, rows):
+def evaluate(data, x, multipliers, work):
     r"""Derivatives of the Lagrangian of the elastica; returns the bending energy.
 
     .. math:: E = \sum_j \tfrac{h}{2}\Big(\frac{\theta_{j+1} - \theta_j}{h} - K_{0,j}\Big)^2,\qquad
               c = \sum_j w_j (\cos\theta_j, \sin\theta_j) - d .
 
-    ``data`` is (chain, angles, curvature, sine, cosine); ``x`` is a view of the unknown angles.
+    ``data`` is (chain, angles, curvature, trigonometry); ``x`` is a view of the unknown angles.
     Sines and cosines are left in ``data`` for the light.
     """
-    chain, angles, curvature, sine, cosine = data
+    chain, angles, curvature, trig = data
+    band = work.band
+    rows = work.rows
     size = angles.size
     h = chain.spacing
     inverse = 1.0 / h
@@ -182,17 +171,23 @@ def evaluate(data, x, multipliers, gradient, diagonal, off_diagonal, constraints
     fx = multipliers[0]
     fy = multipliers[1]
     for j in range(size):
-        sine[j] = math.sin(angles[j])
-        cosine[j] = math.cos(angles[j])
-    cx = chain.weight_start * cosine[0] + chain.weight_end * cosine[size - 1] - chain.chord_x
-    cy = chain.weight_start * sine[0] + chain.weight_end * sine[size - 1] - chain.chord_y
+        trig[SINE, j] = math.sin(angles[j])
+        trig[COSINE, j] = math.cos(angles[j])
+    cx = (
+        chain.weight_start * trig[COSINE, 0]
+        + chain.weight_end * trig[COSINE, size - 1]
+        - chain.chord_x
+    )
+    cy = (
+        chain.weight_start * trig[SINE, 0] + chain.weight_end * trig[SINE, size - 1] - chain.chord_y
+    )
     sum_c = 0.0
     sum_s = 0.0
     for j in range(1, size - 1):
-        sum_c += cosine[j]
-        sum_s += sine[j]
-    constraints[0] = cx + h * sum_c
-    constraints[1] = cy + h * sum_s
+        sum_c += trig[COSINE, j]
+        sum_s += trig[SINE, j]
+    work.constraints[0] = cx + h * sum_c
+    work.constraints[1] = cy + h * sum_s
     energy = 0.0
     left = 0.0
     for j in range(size):
@@ -210,14 +205,14 @@ def evaluate(data, x, multipliers, gradient, diagonal, off_diagonal, constraints
                 w = chain.weight_end
                 stiffness = inverse
             i = j - first
-            s = w * sine[j]
-            c = w * cosine[j]
-            gradient[i] = left - right - fx * s + fy * c
-            diagonal[i] = stiffness - fx * c - fy * s
+            s = w * trig[SINE, j]
+            c = w * trig[COSINE, j]
+            band[GRADIENT, i] = left - right - fx * s + fy * c
+            band[DIAGONAL, i] = stiffness - fx * c - fy * s
             rows[0, i] = -s
             rows[1, i] = c
             if j < last - 1:
-                off_diagonal[i] = -inverse
+                band[OFF_DIAGONAL, i] = -inverse
         left = right
     return 0.5 * h * energy
 
@@ -226,14 +221,14 @@ correct, descend = make_solvers(evaluate)
 
 
 @jit
-def illuminate(time, lamp, chain, angles, sine, cosine, pose, natural, x, y, target):
+def illuminate(lamp, chain, pose, natural, nodes, springs, row):
     r"""Write the curvature that each spring relaxes to: :math:`K_r + \Lambda f`.
 
     The flux on a face is the positive part of the cosine between its normal and the direction of
     the source (3.11).  ``pose`` holds cosine and sine of the rigid rotation and the translation
-    that take the chain to the laboratory; ``x`` and ``y`` are scratch.
+    that take the chain to the laboratory; the result goes to ``springs[row]``.
     """
-    size = angles.size
+    size = nodes.shape[1]
     turn_c = pose[COS]
     turn_s = pose[SIN]
     # face * (toward . normal) as a combination of the cosine and sine of the angle in the chain.
@@ -242,53 +237,52 @@ def illuminate(time, lamp, chain, angles, sine, cosine, pose, natural, x, y, tar
     gain = lamp.gain
     if lamp.width == 0.0:
         for j in range(size - 1):
-            u = cosine[j] + cosine[j + 1]
-            v = sine[j] + sine[j + 1]
+            u = nodes[COSINE, j] + nodes[COSINE, j + 1]
+            v = nodes[SINE, j] + nodes[SINE, j + 1]
             # (u, v) / |(u, v)| is the direction at the mean of the two angles.
             flux = (a * u + b * v) / math.sqrt(u * u + v * v)
-            target[j] = natural[j] + gain * max(flux, 0.0)
+            springs[row, j] = natural[j] + gain * max(flux, 0.0)
     else:
         h = chain.spacing
-        px = chain.weight_start * cosine[0]
-        py = chain.weight_start * sine[0]
+        px = chain.weight_start * nodes[COSINE, 0]
+        py = chain.weight_start * nodes[SINE, 0]
         scale = -0.5 / (lamp.width * lamp.width)
         for j in range(size - 1):
             if j > 0:
-                px += h * cosine[j]
-                py += h * sine[j]
+                px += h * nodes[COSINE, j]
+                py += h * nodes[SINE, j]
             lab_x = turn_c * px - turn_s * py + pose[SHIFT_X]
             lab_y = turn_s * px + turn_c * py + pose[SHIFT_Y]
             # Distance from the axis of the beam.
             r = (lab_x - lamp.center) * lamp.toward_y - lab_y * lamp.toward_x
-            u = cosine[j] + cosine[j + 1]
-            v = sine[j] + sine[j + 1]
+            u = nodes[COSINE, j] + nodes[COSINE, j + 1]
+            v = nodes[SINE, j] + nodes[SINE, j + 1]
             flux = (a * u + b * v) / math.sqrt(u * u + v * v)
-            target[j] = natural[j]
+            springs[row, j] = natural[j]
             if flux > 0.0:
-                target[j] += gain * flux * math.exp(scale * r * r)
+                springs[row, j] += gain * flux * math.exp(scale * r * r)
 
 
 @jit
-def _interpolate(values, cell, fraction, slope):
-    """Sixth-order interpolation between nodes ``cell`` and ``cell + 1`` of a periodic array.
+def _interpolate(values, row, cell, fraction, slope):
+    """Sixth-order interpolation between nodes ``cell`` and ``cell + 1`` of a periodic row.
 
-    ``slope`` is added per turn (for angles, which grow by it along the array).
+    The row repeats after all but its last node; ``slope`` is added per turn (for angles).
     """
-    n = values.size
+    n = values.shape[1] - 1
     total = 0.0
     for p in range(-2, 4):
         weight = 1.0
         for q in range(-2, 4):
             if q != p:
                 weight *= (fraction - q) / (p - q)
-        index = cell + p
-        turns = math.floor(index / n)
-        total += weight * (values[index - turns * n] + slope * turns)
+        turns = math.floor((cell + p) / n)
+        total += weight * (values[row, cell + p - turns * n] + slope * turns)
     return total
 
 
 @jit
-def roll(clock, free, chain, angles, sine, cosine, x, y, lean):
+def roll(clock, free, chain, angles, nodes):
     """Move the contact of a ring downhill to where its center of mass is lowest, and set the pose.
 
     With contact at S the center of mass is ``lean`` = (x_m - x(S)) . t(S) ahead of it and
@@ -300,130 +294,100 @@ def roll(clock, free, chain, angles, sine, cosine, x, y, lean):
     """
     n = angles.size - 1
     h = chain.spacing
-    x[0] = 0.0
-    y[0] = 0.0
+    nodes[X, 0] = 0.0
+    nodes[Y, 0] = 0.0
     mean_x = 0.0
     mean_y = 0.0
-    for j in range(n - 1):
-        x[j + 1] = x[j] + 0.5 * h * (cosine[j] + cosine[j + 1])
-        y[j + 1] = y[j] + 0.5 * h * (sine[j] + sine[j + 1])
     for j in range(n):
-        mean_x += x[j]
-        mean_y += y[j]
+        nodes[X, j + 1] = nodes[X, j] + 0.5 * h * (nodes[COSINE, j] + nodes[COSINE, j + 1])
+        nodes[Y, j + 1] = nodes[Y, j] + 0.5 * h * (nodes[SINE, j] + nodes[SINE, j + 1])
+        mean_x += nodes[X, j]
+        mean_y += nodes[Y, j]
     mean_x /= n
     mean_y /= n
     largest = 0.0
     for j in range(n):
-        lean[j] = (mean_x - x[j]) * cosine[j] + (mean_y - y[j]) * sine[j]
-        largest = max(largest, abs(lean[j]))
-    leans = lean[:n]
+        nodes[LEAN, j] = (mean_x - nodes[X, j]) * nodes[COSINE, j] + (mean_y - nodes[Y, j]) * nodes[
+            SINE, j
+        ]
+        largest = max(largest, abs(nodes[LEAN, j]))
     position = clock[CONTACT] / h
-    if free and largest > 1e-14 * n:
-        cell = math.floor(position)
-        here = _interpolate(leans, cell, position - cell, 0.0)
-        low = position
-        high = position
-        if here > 0.0:  # the center of mass lies ahead: roll forward
-            k = cell + 1
-            for _ in range(n + 1):
-                if leans[k % n] <= 0.0:
-                    break
-                k += 1
-            cell = k - 1
-            low = max(position, float(cell))
-            high = float(k)
-        elif here < 0.0:
-            k = cell
-            for _ in range(n + 1):
-                if leans[k % n] >= 0.0:
-                    break
-                k -= 1
-            cell = k
-            low = float(k)
-            high = min(position, float(k + 1))
-        if high > low:
-            f_low = _interpolate(leans, cell, low - cell, 0.0)
-            f_high = _interpolate(leans, cell, high - cell, 0.0)
-            side = 0
-            for _ in range(60):  # regula falsi, Illinois
-                if f_low == f_high:
-                    break
-                new = (low * f_high - high * f_low) / (f_high - f_low)
-                value = _interpolate(leans, cell, new - cell, 0.0)
-                if value > 0.0:
-                    low = new
-                    f_low = value
-                    if side == 1:
-                        f_high *= 0.5
-                    side = 1
-                elif value < 0.0:
-                    high = new
-                    f_high = value
-                    if side == -1:
-                        f_low *= 0.5
-                    side = -1
-                position = new
-                if abs(value) <= 1e-15 * largest or high - low <= 1e-13 * n:
-                    break
-        clock[CONTACT] = position * h
     cell = math.floor(position)
+    if free and largest > 1e-14 * n:
+        # Downhill: forward if the center of mass lies ahead, to the end of a cell that holds the root.
+        value = _interpolate(nodes, LEAN, cell, position - cell, 0.0)
+        sign = 1.0 if value >= 0.0 else -1.0
+        k = cell + 1 if sign > 0.0 else cell
+        for _ in range(n + 1):
+            if sign * nodes[LEAN, k - math.floor(k / n) * n] <= 0.0:
+                break
+            k += 1 if sign > 0.0 else -1
+        cell = k - 1 if sign > 0.0 else k
+        low = max(position, float(cell)) if sign > 0.0 else float(cell)
+        high = float(cell + 1) if sign > 0.0 else min(position, float(cell + 1))
+        f_low = 0.0
+        f_high = 0.0
+        side = 0
+        position = low
+        for turn in range(60):  # regula falsi, Illinois: `lean` is positive at low
+            if turn == 1:
+                position = high
+            elif turn > 1:
+                if f_low == f_high or high - low <= 1e-13 * n:
+                    break
+                position = (low * f_high - high * f_low) / (f_high - f_low)
+            value = _interpolate(nodes, LEAN, cell, position - cell, 0.0)
+            if turn > 1 and abs(value) <= 1e-15 * largest:
+                break
+            if turn == 0 or (turn > 1 and value > 0.0):
+                if side == 1:
+                    f_high *= 0.5
+                if turn > 1:
+                    side = 1
+                low = position
+                f_low = value
+            else:
+                if side == -1:
+                    f_low *= 0.5
+                if turn > 1:
+                    side = -1
+                high = position
+                f_high = value
+        clock[CONTACT] = position * h
+        cell = math.floor(position)
     fraction = position - cell
-    turn = angles[n] - angles[0]
-    angle = _interpolate(angles[:n], cell, fraction, turn)
+    for j in range(n + 1):
+        nodes[LEAN, j] = angles[j]
+    angle = _interpolate(nodes, LEAN, cell, fraction, angles[n] - angles[0])
     clock[COS] = math.cos(angle)
     clock[SIN] = -math.sin(angle)
-    px = _interpolate(x[:n], cell, fraction, 0.0)
-    py = _interpolate(y[:n], cell, fraction, 0.0)
+    px = _interpolate(nodes, X, cell, fraction, 0.0)
+    py = _interpolate(nodes, Y, cell, fraction, 0.0)
     clock[SHIFT_X] = clock[CONTACT] - (clock[COS] * px - clock[SIN] * py)
     clock[SHIFT_Y] = -(clock[SIN] * px + clock[COS] * py)
 
 
 @jit
-def _settle(
-    chain, angles, curvature, new_curvature, multipliers, tolerance, raised, work, sine, cosine
-):
-    """Move to the equilibrium for a new curvature: one step with the old factors, then Newton.
+def _settle(chain, angles, curvature, multipliers, tolerance, raised, work, space):
+    """Move to the equilibrium for the curvature in ``space.springs[NEW]``.
 
-    The residual is affine in the curvature, so the first step needs no evaluation.
+    The residual is affine in the curvature, so the first step, with the old factors, needs no
+    evaluation.
     """
     first = chain.first
-    for j in range(new_curvature.size):
-        change = new_curvature[j] - curvature[j]
-        curvature[j] = new_curvature[j]
+    springs = space.springs
+    for j in range(curvature.size):
+        change = springs[NEW, j] - curvature[j]
+        curvature[j] = springs[NEW, j]
         if first <= j < chain.last:
-            work.gradient[j - first] += change
+            work.band[GRADIENT, j - first] += change
         if first <= j + 1 < chain.last:
-            work.gradient[j + 1 - first] -= change
+            work.band[GRADIENT, j + 1 - first] -= change
     x = angles[first : chain.last]
     newton_step(work, raised, x, multipliers)
     return correct(
-        x,
-        multipliers,
-        (chain, angles, curvature, sine, cosine),
-        tolerance,
-        12,
-        0.5,
-        work,
+        x, multipliers, (chain, angles, curvature, space.nodes), tolerance, 12, 0.5, work
     )
-
-
-@jit
-def _record(row, clock, angles, curvature, multipliers, table):
-    times, all_angles, all_curvature, all_multipliers, scalars = table
-    times[row] = clock[TIME]
-    for j in range(angles.size):
-        all_angles[row, j] = angles[j]
-    for j in range(curvature.size):
-        all_curvature[row, j] = curvature[j]
-    for j in range(multipliers.size):
-        all_multipliers[row, j] = multipliers[j]
-    scalars[row, 0] = clock[ENERGY]
-    scalars[row, 1] = clock[CONTACT]
-    scalars[row, 2] = clock[EIGENVALUE]
-    scalars[row, 3] = clock[COS]
-    scalars[row, 4] = clock[SIN]
-    scalars[row, 5] = clock[SHIFT_X]
-    scalars[row, 6] = clock[SHIFT_Y]
 
 
 @jit
@@ -451,9 +415,11 @@ def march(
     """
     m = multipliers.size
     x = angles[chain.first : chain.last]
-    data = (chain, angles, curvature, space.sine, space.cosine)
-    capacity = table[0].size
-    old_pose = np.empty(clock.size)
+    data = (chain, angles, curvature, space.nodes)
+    nodes = space.nodes
+    springs = space.springs
+    saved = space.saved
+    capacity = table.shape[0]
     stages = 2 if options.scheme == EXPONENTIAL_2 else 1
     rows = 0
     since = 0
@@ -478,14 +444,7 @@ def march(
                 return FAILED, rows
             if not begun:
                 look(
-                    clock,
-                    clock[TIME] >= options.hold,
-                    natural,
-                    chain,
-                    lamp,
-                    angles,
-                    space,
-                    space.target,
+                    clock, clock[TIME] >= options.hold, natural, chain, lamp, angles, space, TARGET
                 )
                 begun = True
             stale = False
@@ -498,10 +457,14 @@ def march(
         if remaining - dt <= 1e-6 * dt:
             dt = remaining
         new_time = options.until if dt == remaining else clock[TIME] + dt
-        _copy(angles, space.old_angles)
-        _copy(curvature, space.old_curvature)
-        _copy(multipliers, space.old_multipliers)
-        _copy(clock, old_pose)
+        for j in range(angles.size):
+            nodes[OLD_ANGLES, j] = angles[j]
+        for j in range(curvature.size):
+            springs[OLD, j] = curvature[j]
+        for j in range(clock.size):
+            saved[j] = clock[j]
+        for j in range(m):
+            saved[clock.size + j] = multipliers[j]
         a = dt if options.scheme == EXPLICIT_EULER else -math.expm1(-dt)
         good = True
         energy = 0.0
@@ -509,30 +472,21 @@ def march(
         for stage in range(stages):
             if stage == 0:
                 for j in range(curvature.size):
-                    space.new_curvature[j] = curvature[j] + a * (space.target[j] - curvature[j])
+                    springs[NEW, j] = curvature[j] + a * (springs[TARGET, j] - curvature[j])
             else:
                 b = 1.0 - a / dt  # exact for a target that is linear in time
                 for j in range(curvature.size):
-                    space.new_curvature[j] = curvature[j] + b * (
-                        space.target_next[j] - space.target[j]
+                    springs[NEW, j] = curvature[j] + b * (
+                        springs[TARGET_NEXT, j] - springs[TARGET, j]
                     )
             status, _, energy, residual, raised, _, negative, zero, _ = _settle(
-                chain,
-                angles,
-                curvature,
-                space.new_curvature,
-                multipliers,
-                options.tolerance,
-                raised,
-                work,
-                space.sine,
-                space.cosine,
+                chain, angles, curvature, multipliers, options.tolerance, raised, work, space
             )
             good = status == CONVERGED and negative == m and zero == 0
             if not good:
                 break
             # Contact and light at the new time, from the contact at the old one.
-            clock[CONTACT] = old_pose[CONTACT]
+            clock[CONTACT] = saved[CONTACT]
             clock[TIME] = new_time
             look(
                 clock,
@@ -542,17 +496,18 @@ def march(
                 lamp,
                 angles,
                 space,
-                space.target_next,
+                TARGET_NEXT,
             )
         turned = 0.0
         for j in range(angles.size):
-            turned = max(turned, abs(angles[j] - space.old_angles[j]))
+            turned = max(turned, abs(angles[j] - nodes[OLD_ANGLES, j]))
         due = False
         if good and turned <= 0.3:
             clock[ENERGY] = energy
             clock[RESIDUAL] = residual
             clock[STEPS] += 1.0
-            _copy(space.target_next, space.target)
+            for j in range(curvature.size):
+                springs[TARGET, j] = springs[TARGET_NEXT, j]
             next_step = options.step
             if options.scheme != EXPLICIT_EULER and turned > options.turning * dt:
                 next_step = options.step * options.turning * dt / turned
@@ -564,10 +519,14 @@ def march(
             since += 1
             due = options.record_every > 0 and since >= options.record_every
         else:
-            _copy(space.old_angles, angles)
-            _copy(space.old_curvature, curvature)
-            _copy(space.old_multipliers, multipliers)
-            _copy(old_pose, clock)
+            for j in range(angles.size):
+                angles[j] = nodes[OLD_ANGLES, j]
+            for j in range(curvature.size):
+                curvature[j] = springs[OLD, j]
+            for j in range(clock.size):
+                clock[j] = saved[j]
+            for j in range(m):
+                multipliers[j] = saved[clock.size + j]
             clock[REJECTED] += 1.0
             stale = True
             failed_at = new_time
@@ -575,14 +534,25 @@ def march(
         enclosed = failed_at - clock[TIME] <= options.event_tolerance
         if enclosed or (due and options.eigenvalues):
             if stale:
-                _, _, _, _, raised, _, _, _, _ = correct(x, multipliers, data, np.inf, 0, 0.5, work)
+                evaluate(data, x, multipliers, work)
             clock[EIGENVALUE] = smallest_eigenpair(space.masses, work, space.mode)
             stale = True
         if due:
             since = 0
             if not options.eigenvalues:
                 clock[EIGENVALUE] = np.nan
-            _record(rows, clock, angles, curvature, multipliers, table)
+            k = angles.size
+            table[rows, 0] = clock[TIME]
+            table[rows, 1] = clock[ENERGY]
+            table[rows, 2] = clock[EIGENVALUE]
+            for j in range(CONTACT, SHIFT_Y + 1):
+                table[rows, 3 + j - CONTACT] = clock[j]
+            for j in range(m):
+                table[rows, SCALARS + j] = multipliers[j]
+            for j in range(k):
+                table[rows, SCALARS + m + j] = angles[j]
+            for j in range(k - 1):
+                table[rows, SCALARS + m + k + j] = curvature[j]
             rows += 1
         if enclosed:
             # Is stability lost here, or did a long step merely lead astray?
@@ -596,29 +566,15 @@ def march(
 
 
 @jit
-def look_at_lamp(clock, free, natural, chain, lamp, angles, space, target):
+def look_at_lamp(clock, free, natural, chain, lamp, angles, space, row):
     """Find contact and pose (of a ring; ``free`` to roll or held) and what the light asks for."""
     if chain.ring:
-        roll(clock, free, chain, angles, space.sine, space.cosine, space.x, space.y, space.lean)
-    illuminate(
-        clock[TIME],
-        lamp,
-        chain,
-        angles,
-        space.sine,
-        space.cosine,
-        clock,
-        natural,
-        space.x,
-        space.y,
-        target,
-    )
+        roll(clock, free, chain, angles, space.nodes)
+    illuminate(lamp, chain, clock, natural, space.nodes, space.springs, row)
 
 
 @jit
-def escape(
-    clock, angles, curvature, multipliers, target, chain, tolerance, delay, push, work, space
-):
+def escape(clock, angles, curvature, multipliers, chain, tolerance, delay, push, work, space):
     """Leave an equilibrium that has just lost its stability, at frozen curvature.
 
     The curvature is first advanced by ``delay`` (the event tolerance), which takes it past the
@@ -635,22 +591,13 @@ def escape(
         Largest change of an angle.
     """
     x = angles[chain.first : chain.last]
-    data = (chain, angles, curvature, space.sine, space.cosine)
+    data = (chain, angles, curvature, space.nodes)
     a = -math.expm1(-delay)
     for j in range(curvature.size):
-        curvature[j] += a * (target[j] - curvature[j])
+        curvature[j] += a * (space.springs[TARGET, j] - curvature[j])
     clock[TIME] += delay
     old = angles.copy()
-    before = evaluate(
-        data,
-        x,
-        multipliers,
-        work.gradient,
-        work.diagonal,
-        work.off_diagonal,
-        work.constraints,
-        work.rows,
-    )
+    before = evaluate(data, x, multipliers, work)
     largest = 1e-300
     for i in range(x.size):
         largest = max(largest, abs(space.mode[i]))
@@ -665,7 +612,8 @@ def escape(
             angles[j] = old[j]
         for i in range(x.size):
             x[i] += size * space.mode[i] / largest
-        _copy(old_multipliers, multipliers)
+        for j in range(multipliers.size):
+            multipliers[j] = old_multipliers[j]
         for stage in range(2):
             status, _, energy, residual = descend(
                 x,

@@ -151,7 +151,7 @@ class Runner:
 
     @property
     def data(self) -> tuple[Any, ...]:
-        return (self.chain, self.angles, self.curvature, self.space.sine, self.space.cosine)
+        return (self.chain, self.angles, self.curvature, self.space.nodes)
 
     def begin(self) -> None:
         """Descend from the guess to the first equilibrium."""
@@ -182,7 +182,7 @@ class Runner:
                     "was found with this natural curvature; pass the other one"
                 )
 
-    def advance(self, until: float, record_every: int, table: tuple[Array, ...]) -> tuple[int, int]:
+    def advance(self, until: float, record_every: int, table: Array) -> tuple[int, int]:
         options = self.options._replace(until=until, record_every=record_every)
         reason, rows = self.march(
             self.clock,
@@ -207,7 +207,7 @@ class Runner:
 
     def rate(self) -> float:
         """Largest rate of change of the natural curvature."""
-        return float(np.max(np.abs(self.space.target - self.curvature)))
+        return float(np.max(np.abs(self.space.springs[_kernel.TARGET] - self.curvature)))
 
     def smallest_eigenvalue(self) -> float:
         """Smallest eigenvalue of the second variation at the present equilibrium."""
@@ -230,7 +230,6 @@ class Runner:
             self.angles,
             self.curvature,
             self.multipliers,
-            self.space.target,
             self.chain,
             self.tolerance,
             delay,
@@ -269,15 +268,13 @@ def _python_look(structure: Elastica, light: UserLight) -> Callable[..., None]:
         lamp: _kernel.Lamp,
         angles: Array,
         space: _kernel.Space,
-        target: Array,
+        row: int,
     ) -> None:
         if chain.ring:
-            _kernel.roll(
-                clock, free, chain, angles, space.sine, space.cosine, space.x, space.y, space.lean
-            )
+            _kernel.roll(clock, free, chain, angles, space.nodes)
         x, y, theta = structure_points(structure, angles, clock)
         flux = light.flux(x, y, theta, s, float(clock[_kernel.TIME]))
-        target[:] = natural + structure.response * face * flux
+        space.springs[row] = natural + structure.response * face * flux
 
     return look
 
@@ -303,47 +300,27 @@ class _Recorder:
 
     def __init__(self, structure: Elastica) -> None:
         k = structure.angles_count
-        self.chunks: list[tuple[Array, ...]] = []
+        self.chunks: list[Array] = []
         self.kinds: list[str] = []
-        self.table = (
-            np.zeros(CHUNK),
-            np.zeros((CHUNK, k)),
-            np.zeros((CHUNK, k - 1)),
-            np.zeros((CHUNK, 2)),
-            np.zeros((CHUNK, 7)),
-        )
+        self.table = np.zeros((CHUNK, _kernel.SCALARS + 2 + 2 * k - 1))
 
-    def take(self, rows: int, kind: str = "step") -> None:
+    def take(self, rows: int) -> None:
         if rows:
-            self.chunks.append(tuple(a[:rows].copy() for a in self.table))
-            self.kinds.extend([kind] * rows)
+            self.chunks.append(self.table[:rows].copy())
+            self.kinds.extend(["step"] * rows)
 
     def row(self, runner: Runner, kind: str, eigenvalue: float) -> int:
         clock = runner.clock
-        scalars = np.array(
-            [
-                [
-                    clock[_kernel.ENERGY],
-                    clock[_kernel.CONTACT],
-                    eigenvalue,
-                    clock[_kernel.COS],
-                    clock[_kernel.SIN],
-                    clock[_kernel.SHIFT_X],
-                    clock[_kernel.SHIFT_Y],
-                ]
-            ]
-        )
-        self.chunks.append(
-            (
-                np.array([clock[_kernel.TIME]]),
-                runner.angles[None].copy(),
-                runner.curvature[None].copy(),
-                runner.multipliers[None].copy(),
-                scalars,
-            )
-        )
+        head = [clock[_kernel.TIME], clock[_kernel.ENERGY], eigenvalue]
+        pose = clock[_kernel.CONTACT : _kernel.SHIFT_Y + 1]
+        parts = (head, pose, runner.multipliers, runner.angles, runner.curvature)
+        self.chunks.append(np.concatenate(parts)[None])
         self.kinds.append(kind)
         return len(self.kinds) - 1
+
+    @property
+    def last_time(self) -> float:
+        return float(self.chunks[-1][-1, 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -517,7 +494,7 @@ class Motion:
                             break
                 if reason != "until":
                     break
-                if recorder.kinds[-1] != "step" or recorder.chunks[-1][0][-1] != runner.time:
+                if recorder.kinds[-1] != "step" or recorder.last_time != runner.time:
                     kind = "end" if index == len(targets) - 1 else "reported"
                     recorder.row(runner, kind, eigenvalue())
         except (NotConverged, InvalidInput) as error:
@@ -591,22 +568,20 @@ class History:
         runner: Runner,
     ) -> History:
         """Assemble the recorded chunks."""
-        times, angles, curvature, forces, scalars = (
-            np.concatenate([chunk[i] for chunk in recorder.chunks]) for i in range(5)
-        )
-        for array in (times, angles, curvature, forces, scalars):
-            array.flags.writeable = False
+        table = np.concatenate(recorder.chunks)
+        table.flags.writeable = False
+        k, first = structure.angles_count, _kernel.SCALARS
         return cls(
             structure,
             light,
-            times,
-            angles,
-            curvature,
-            forces,
-            scalars[:, 0],
-            scalars[:, 2],
-            scalars[:, 1],
-            scalars[:, 3:7],
+            table[:, 0],
+            table[:, first + 2 : first + 2 + k],
+            table[:, first + 2 + k :],
+            table[:, first : first + 2],
+            table[:, 1],
+            table[:, 2],
+            table[:, 3],
+            table[:, 4:8],
             tuple(recorder.kinds),
             snaps,
             reason,
@@ -652,7 +627,7 @@ class History:
     def deflection_descriptor(self) -> Array:
         r""":math:`\gamma = \int \sin(2\pi S)\, Y \, dS` of (3.31), shape (r,)."""
         s = self.structure.node_positions
-        return np.trapezoid(np.sin(2 * math.pi * s) * self.y, s, axis=1)
+        return np.asarray(np.trapezoid(np.sin(2 * math.pi * s) * self.y, s, axis=1))
 
     @cached_property
     def curvature_descriptor(self) -> Array:
@@ -671,7 +646,7 @@ class History:
         with np.errstate(divide="ignore", invalid="ignore"):
             shift = np.where(bend == 0, 0.0, 0.5 * (a - c) / bend)
         s = self.structure.node_positions
-        return s[k] + shift * (s[1] - s[0])
+        return np.asarray(s[k] + shift * (s[1] - s[0]))
 
     def flux_target(self, row: int) -> Array:
         """Return what the natural curvature relaxes to in a row, :math:`K_r + \\Lambda f`."""

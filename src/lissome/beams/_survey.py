@@ -93,15 +93,8 @@ def _runner(strip: ClampedStrip, light: Light, step: float, scheme: str) -> Runn
     return runner
 
 
-def _empty_table(runner: Runner) -> tuple[np.ndarray, ...]:
-    k = runner.angles.size
-    return (
-        np.zeros(1),
-        np.zeros((1, k)),
-        np.zeros((1, k - 1)),
-        np.zeros((1, 2)),
-        np.zeros((1, 7)),
-    )
+def _empty_table(runner: Runner) -> np.ndarray:
+    return np.zeros((1, _kernel.SCALARS + 2 + 2 * runner.angles.size - 1))
 
 
 def flapping(
