@@ -377,7 +377,7 @@ def _verdict(row):
     paragraph = nodes.paragraph()
     paragraph += nodes.inline(
         "",
-        f"{verdict.glyph} {verdict.value}",
+        f"{verdict.glyph}\u00a0{verdict.value}",
         classes=["verdict", f"verdict-{verdict.name.lower()}"],
     )
     cells = [paragraph]

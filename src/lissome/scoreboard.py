@@ -290,7 +290,7 @@ class Record:
     def _repr_html_(self) -> str:
         name = self.verdict.name.lower()
         return (
-            f'<p><span class="verdict verdict-{name}">{self.verdict.glyph} '
+            f'<p><span class="verdict verdict-{name}">{self.verdict.glyph}&nbsp;'
             f"{html.escape(self.verdict.value)}</span> "
             f"{html.escape(self.claim.text)}: {html.escape(self.why)}</p>"
         )
