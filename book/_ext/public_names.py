@@ -1,12 +1,27 @@
-"""Sphinx extension: a public name of the top level leads to the page of the module that defines it.
+"""Sphinx extension: what docstrings need to become pages of the reference.
 
-Docstrings write ``:func:`lissome.equilibrate` `` or, in a module that imports it, plain
+A public name of the top level leads to the page of the module that defines it:
+docstrings write ``:func:`lissome.equilibrate` `` or, in a module that imports it, plain
 ``:class:`DataError` ``, while the reference documents ``lissome.equilibrium.equilibrate``.
+Headings in the docstrings of modules become rubrics, since sections of one name on several pages
+would be ambiguous as targets.
 """
 
 from __future__ import annotations
 
+import re
+
 import lissome
+
+UNDERLINE = re.compile(r"-{3,}\s*$")
+
+
+def _headings_to_rubrics(app, what, name, obj, options, lines):
+    if what != "module":
+        return
+    for i in reversed(range(1, len(lines))):
+        if UNDERLINE.match(lines[i]) and lines[i - 1].strip():
+            lines[i - 1 : i + 1] = ["", f".. rubric:: {lines[i - 1].strip()}", ""]
 
 
 def _resolve(app, env, node, contnode):
@@ -26,4 +41,5 @@ def _resolve(app, env, node, contnode):
 
 def setup(app):
     app.connect("missing-reference", _resolve)
+    app.connect("autodoc-process-docstring", _headings_to_rubrics)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
