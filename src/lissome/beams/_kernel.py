@@ -33,11 +33,10 @@ from lissome._tridiagonal import (
 )
 
 __all__ = [
-    "BIFURCATED",
     "DONE",
+    "ENCLOSED",
     "FAILED",
     "FULL",
-    "LOST_STABILITY",
     "Chain",
     "Lamp",
     "Options",
@@ -45,7 +44,7 @@ __all__ = [
     "chain_work",
     "correct",
     "descend",
-    "escape",
+    "eigenvalues_of",
     "evaluate",
     "illuminate",
     "look_at_lamp",
@@ -55,26 +54,22 @@ __all__ = [
     "space_for",
 ]
 
-DONE = 0
-LOST_STABILITY = 1
-FULL = 2
-FAILED = 3
-BIFURCATED = 4
+DONE, ENCLOSED, FULL, FAILED = range(4)
 
 EXPLICIT_EULER = 0
 EXPONENTIAL_1 = 1
 EXPONENTIAL_2 = 2
 
 # Entries of the mutable record `clock`.
-TIME, TRIAL, ENERGY, RESIDUAL, STEPS, REJECTED, EIGENVALUE = range(7)
-CONTACT, COS, SIN, SHIFT_X, SHIFT_Y = range(7, 12)
-CLOCK_SIZE = 12
-# Columns of a recorded row: time, energy, eigenvalue, contact and pose; then multipliers, angles and
-# curvature.
-SCALARS = 8
+TIME, TRIAL, ENERGY, RESIDUAL, STEPS, REJECTED = range(6)
+CONTACT, COS, SIN, SHIFT_X, SHIFT_Y = range(6, 11)
+CLOCK_SIZE = 11
+# Columns of a recorded row: time, energy, contact and pose; then multipliers, angles, curvature.
+SCALARS = 7
 
 # Rows of `Space.nodes` and `Space.springs`.
-SINE, COSINE, OLD_ANGLES, X, Y, LEAN = range(6)
+SINE, COSINE, OLD_ANGLES, X, Y, LEAN, ANGLE = range(7)
+NODE_ROWS = 7
 TARGET, TARGET_NEXT, NEW, OLD = range(4)
 
 
@@ -118,13 +113,12 @@ class Options(NamedTuple):
     event_tolerance: float
     hold: float
     record_every: int
-    eigenvalues: bool
 
 
 class Space(NamedTuple):
     """Scratch arrays of the time loop.
 
-    ``nodes`` (6, M): sines, cosines, old angles, positions, lean; ``springs`` (4, M - 1): what the
+    ``nodes`` (7, M): sines, cosines, old angles, positions, lean, angles; ``springs`` (4, M - 1): what the
     light asks for now and at the end of the step, new and old curvature; ``masses`` and ``mode`` (n,);
     ``saved``: clock and multipliers at the start of the step.
     """
@@ -142,7 +136,7 @@ def space_for(chain: Chain, size: int) -> Space:
     weights[0], weights[-1] = chain.weight_start, chain.weight_end
     masses = weights[chain.first : chain.last].copy()
     return Space(
-        np.zeros((6, size)),
+        np.zeros((NODE_ROWS, size)),
         np.zeros((4, size - 1)),
         masses,
         np.zeros(masses.size),
@@ -221,12 +215,12 @@ correct, descend = make_solvers(evaluate)
 
 
 @jit
-def illuminate(lamp, chain, pose, natural, nodes, springs, row):
+def illuminate(lamp, chain, pose, natural, nodes, springs):
     r"""Write the curvature that each spring relaxes to: :math:`K_r + \Lambda f`.
 
     The flux on a face is the positive part of the cosine between its normal and the direction of
     the source (3.11).  ``pose`` holds cosine and sine of the rigid rotation and the translation
-    that take the chain to the laboratory; the result goes to ``springs[row]``.
+    that take the chain to the laboratory; the result goes to ``springs[TARGET_NEXT]``.
     """
     size = nodes.shape[1]
     turn_c = pose[COS]
@@ -241,7 +235,7 @@ def illuminate(lamp, chain, pose, natural, nodes, springs, row):
             v = nodes[SINE, j] + nodes[SINE, j + 1]
             # (u, v) / |(u, v)| is the direction at the mean of the two angles.
             flux = (a * u + b * v) / math.sqrt(u * u + v * v)
-            springs[row, j] = natural[j] + gain * max(flux, 0.0)
+            springs[TARGET_NEXT, j] = natural[j] + gain * max(flux, 0.0)
     else:
         h = chain.spacing
         px = chain.weight_start * nodes[COSINE, 0]
@@ -258,27 +252,34 @@ def illuminate(lamp, chain, pose, natural, nodes, springs, row):
             u = nodes[COSINE, j] + nodes[COSINE, j + 1]
             v = nodes[SINE, j] + nodes[SINE, j + 1]
             flux = (a * u + b * v) / math.sqrt(u * u + v * v)
-            springs[row, j] = natural[j]
+            springs[TARGET_NEXT, j] = natural[j]
             if flux > 0.0:
-                springs[row, j] += gain * flux * math.exp(scale * r * r)
+                springs[TARGET_NEXT, j] += gain * flux * math.exp(scale * r * r)
 
 
 @jit
-def _interpolate(values, row, cell, fraction, slope):
-    """Sixth-order interpolation between nodes ``cell`` and ``cell + 1`` of a periodic row.
+def _interpolate(nodes, cell, fraction, turn):
+    """Sixth-order interpolation of a ring between nodes ``cell`` and ``cell + 1``.
 
-    The row repeats after all but its last node; ``slope`` is added per turn (for angles).
+    Returns lean, angle (which grows by ``turn`` per turn), and position.
     """
-    n = values.shape[1] - 1
-    total = 0.0
+    n = nodes.shape[1] - 1
+    lean = 0.0
+    angle = 0.0
+    x = 0.0
+    y = 0.0
     for p in range(-2, 4):
         weight = 1.0
         for q in range(-2, 4):
             if q != p:
                 weight *= (fraction - q) / (p - q)
         turns = math.floor((cell + p) / n)
-        total += weight * (values[row, cell + p - turns * n] + slope * turns)
-    return total
+        index = cell + p - turns * n
+        lean += weight * nodes[LEAN, index]
+        angle += weight * (nodes[ANGLE, index] + turn * turns)
+        x += weight * nodes[X, index]
+        y += weight * nodes[Y, index]
+    return lean, angle, x, y
 
 
 @jit
@@ -294,8 +295,11 @@ def roll(clock, free, chain, angles, nodes):
     """
     n = angles.size - 1
     h = chain.spacing
+    turn = angles[n] - angles[0]
     nodes[X, 0] = 0.0
     nodes[Y, 0] = 0.0
+    nodes[LEAN, n] = 0.0
+    nodes[ANGLE, n] = angles[n]
     mean_x = 0.0
     mean_y = 0.0
     for j in range(n):
@@ -307,6 +311,7 @@ def roll(clock, free, chain, angles, nodes):
     mean_y /= n
     largest = 0.0
     for j in range(n):
+        nodes[ANGLE, j] = angles[j]
         nodes[LEAN, j] = (mean_x - nodes[X, j]) * nodes[COSINE, j] + (mean_y - nodes[Y, j]) * nodes[
             SINE, j
         ]
@@ -315,7 +320,7 @@ def roll(clock, free, chain, angles, nodes):
     cell = math.floor(position)
     if free and largest > 1e-14 * n:
         # Downhill: forward if the center of mass lies ahead, to the end of a cell that holds the root.
-        value = _interpolate(nodes, LEAN, cell, position - cell, 0.0)
+        value, _, _, _ = _interpolate(nodes, cell, position - cell, turn)
         sign = 1.0 if value >= 0.0 else -1.0
         k = cell + 1 if sign > 0.0 else cell
         for _ in range(n + 1):
@@ -329,65 +334,35 @@ def roll(clock, free, chain, angles, nodes):
         f_high = 0.0
         side = 0
         position = low
-        for turn in range(60):  # regula falsi, Illinois: `lean` is positive at low
-            if turn == 1:
+        for trial in range(60):  # regula falsi, Illinois: `lean` is positive at low
+            if trial == 1:
                 position = high
-            elif turn > 1:
+            elif trial > 1:
                 if f_low == f_high or high - low <= 1e-13 * n:
                     break
                 position = (low * f_high - high * f_low) / (f_high - f_low)
-            value = _interpolate(nodes, LEAN, cell, position - cell, 0.0)
-            if turn > 1 and abs(value) <= 1e-15 * largest:
+            value, _, _, _ = _interpolate(nodes, cell, position - cell, turn)
+            if trial > 1 and abs(value) <= 1e-15 * largest:
                 break
-            if turn == 0 or (turn > 1 and value > 0.0):
+            if trial == 0 or (trial > 1 and value > 0.0):
                 if side == 1:
                     f_high *= 0.5
-                if turn > 1:
-                    side = 1
+                side = 1 if trial > 1 else 0
                 low = position
                 f_low = value
             else:
                 if side == -1:
                     f_low *= 0.5
-                if turn > 1:
-                    side = -1
+                side = -1 if trial > 1 else 0
                 high = position
                 f_high = value
         clock[CONTACT] = position * h
         cell = math.floor(position)
-    fraction = position - cell
-    for j in range(n + 1):
-        nodes[LEAN, j] = angles[j]
-    angle = _interpolate(nodes, LEAN, cell, fraction, angles[n] - angles[0])
+    _, angle, px, py = _interpolate(nodes, cell, position - cell, turn)
     clock[COS] = math.cos(angle)
     clock[SIN] = -math.sin(angle)
-    px = _interpolate(nodes, X, cell, fraction, 0.0)
-    py = _interpolate(nodes, Y, cell, fraction, 0.0)
     clock[SHIFT_X] = clock[CONTACT] - (clock[COS] * px - clock[SIN] * py)
     clock[SHIFT_Y] = -(clock[SIN] * px + clock[COS] * py)
-
-
-@jit
-def _settle(chain, angles, curvature, multipliers, tolerance, raised, work, space):
-    """Move to the equilibrium for the curvature in ``space.springs[NEW]``.
-
-    The residual is affine in the curvature, so the first step, with the old factors, needs no
-    evaluation.
-    """
-    first = chain.first
-    springs = space.springs
-    for j in range(curvature.size):
-        change = springs[NEW, j] - curvature[j]
-        curvature[j] = springs[NEW, j]
-        if first <= j < chain.last:
-            work.band[GRADIENT, j - first] += change
-        if first <= j + 1 < chain.last:
-            work.band[GRADIENT, j + 1 - first] -= change
-    x = angles[first : chain.last]
-    newton_step(work, raised, x, multipliers)
-    return correct(
-        x, multipliers, (chain, angles, curvature, space.nodes), tolerance, 12, 0.5, work
-    )
 
 
 @jit
@@ -409,7 +384,8 @@ def march(
     Returns
     -------
     reason : int
-        DONE, LOST_STABILITY, FULL (the table) or FAILED (no equilibrium at the start).
+        DONE, ENCLOSED (a step that cannot be made), FULL (the table) or FAILED (no stable equilibrium
+        at the start).
     rows : int
         Rows of the table that were written.
     """
@@ -443,9 +419,9 @@ def march(
             if status != CONVERGED or negative != m or zero != 0:
                 return FAILED, rows
             if not begun:
-                look(
-                    clock, clock[TIME] >= options.hold, natural, chain, lamp, angles, space, TARGET
-                )
+                look(clock, clock[TIME] >= options.hold, natural, chain, lamp, angles, space)
+                for j in range(curvature.size):
+                    springs[TARGET, j] = springs[TARGET_NEXT, j]
                 begun = True
             stale = False
         remaining = options.until - clock[TIME]
@@ -479,8 +455,18 @@ def march(
                     springs[NEW, j] = curvature[j] + b * (
                         springs[TARGET_NEXT, j] - springs[TARGET, j]
                     )
-            status, _, energy, residual, raised, _, negative, zero, _ = _settle(
-                chain, angles, curvature, multipliers, options.tolerance, raised, work, space
+            # The residual is affine in the curvature: the first step, with the old factors, needs
+            # no evaluation.
+            for j in range(curvature.size):
+                change = springs[NEW, j] - curvature[j]
+                curvature[j] = springs[NEW, j]
+                if chain.first <= j < chain.last:
+                    work.band[GRADIENT, j - chain.first] += change
+                if chain.first <= j + 1 < chain.last:
+                    work.band[GRADIENT, j + 1 - chain.first] -= change
+            newton_step(work, raised, x, multipliers)
+            status, _, energy, residual, raised, _, negative, zero, _ = correct(
+                x, multipliers, data, options.tolerance, 12, 0.5, work
             )
             good = status == CONVERGED and negative == m and zero == 0
             if not good:
@@ -496,7 +482,6 @@ def march(
                 lamp,
                 angles,
                 space,
-                TARGET_NEXT,
             )
         turned = 0.0
         for j in range(angles.size):
@@ -531,22 +516,13 @@ def march(
             stale = True
             failed_at = new_time
             clock[TRIAL] = 0.5 * dt
-        enclosed = failed_at - clock[TIME] <= options.event_tolerance
-        if enclosed or (due and options.eigenvalues):
-            if stale:
-                evaluate(data, x, multipliers, work)
-            clock[EIGENVALUE] = smallest_eigenpair(space.masses, work, space.mode)
-            stale = True
         if due:
             since = 0
-            if not options.eigenvalues:
-                clock[EIGENVALUE] = np.nan
             k = angles.size
             table[rows, 0] = clock[TIME]
             table[rows, 1] = clock[ENERGY]
-            table[rows, 2] = clock[EIGENVALUE]
             for j in range(CONTACT, SHIFT_Y + 1):
-                table[rows, 3 + j - CONTACT] = clock[j]
+                table[rows, 2 + j - CONTACT] = clock[j]
             for j in range(m):
                 table[rows, SCALARS + j] = multipliers[j]
             for j in range(k):
@@ -554,89 +530,27 @@ def march(
             for j in range(k - 1):
                 table[rows, SCALARS + m + k + j] = curvature[j]
             rows += 1
-        if enclosed:
-            # Is stability lost here, or did a long step merely lead astray?
-            if not clock[EIGENVALUE] > 0.3:
-                clock[TRIAL] = options.step
-                return LOST_STABILITY, rows
-            failed_at = np.inf
-            clock[TRIAL] = max(clock[TRIAL], options.event_tolerance)
+        if failed_at - clock[TIME] <= options.event_tolerance:
+            clock[TRIAL] = options.event_tolerance
+            return ENCLOSED, rows
         if rows == capacity:
             return FULL, rows
 
 
 @jit
-def look_at_lamp(clock, free, natural, chain, lamp, angles, space, row):
+def look_at_lamp(clock, free, natural, chain, lamp, angles, space):
     """Find contact and pose (of a ring; ``free`` to roll or held) and what the light asks for."""
     if chain.ring:
         roll(clock, free, chain, angles, space.nodes)
-    illuminate(lamp, chain, clock, natural, space.nodes, space.springs, row)
+    illuminate(lamp, chain, clock, natural, space.nodes, space.springs)
 
 
 @jit
-def escape(clock, angles, curvature, multipliers, chain, tolerance, delay, push, work, space):
-    """Leave an equilibrium that has just lost its stability, at frozen curvature.
-
-    The curvature is first advanced by ``delay`` (the event tolerance), which takes it past the
-    loss; then the energy descends from the old shape pushed by ``push`` (radians at most, with
-    its sign) along the critical mode in ``space.mode``, then to the other side, then farther.
-
-    Returns
-    -------
-    status : int
-        0 if a stable equilibrium was reached.
-    released : float
-        Energy released at frozen curvature.
-    distance : float
-        Largest change of an angle.
-    """
-    x = angles[chain.first : chain.last]
-    data = (chain, angles, curvature, space.nodes)
-    a = -math.expm1(-delay)
-    for j in range(curvature.size):
-        curvature[j] += a * (space.springs[TARGET, j] - curvature[j])
-    clock[TIME] += delay
-    old = angles.copy()
-    before = evaluate(data, x, multipliers, work)
-    largest = 1e-300
-    for i in range(x.size):
-        largest = max(largest, abs(space.mode[i]))
-    old_multipliers = multipliers.copy()
-    status = 1
-    energy = before
-    residual = np.inf
-    size = push
-    for _ in range(6):
-        # At a fold one side of the mode leads back to where the minimum vanished.
-        for j in range(angles.size):
-            angles[j] = old[j]
-        for i in range(x.size):
-            x[i] += size * space.mode[i] / largest
-        for j in range(multipliers.size):
-            multipliers[j] = old_multipliers[j]
-        for stage in range(2):
-            status, _, energy, residual = descend(
-                x,
-                multipliers,
-                data,
-                space.masses,
-                tolerance,
-                20 if stage == 0 else 2000,
-                0.3,
-                work,
-            )
-            distance = 0.0
-            for j in range(angles.size):
-                distance = max(distance, abs(angles[j] - old[j]))
-            if status == CONVERGED or distance < 0.7 * abs(size):
-                break  # done, or on the way back to where the minimum vanished
-        if status == CONVERGED:
-            break
-        size = -size if size * push > 0.0 else -3.0 * size
-    distance = 0.0
-    for j in range(angles.size):
-        distance = max(distance, abs(angles[j] - old[j]))
-    clock[ENERGY] = energy
-    clock[RESIDUAL] = residual
-    clock[TRIAL] = 0.0
-    return status, before - energy, distance
+def eigenvalues_of(chain, angles, curvature, multipliers, masses, work, nodes, out):
+    """Write the smallest eigenvalue of the second variation of each row of ``angles`` to ``out``."""
+    mode = np.empty(masses.size)
+    for row in range(out.size):
+        data = (chain, angles[row], curvature[row], nodes)
+        x = angles[row, chain.first : chain.last]
+        evaluate(data, x, multipliers[row], work)
+        out[row] = smallest_eigenpair(masses, work, mode)

@@ -32,6 +32,7 @@ EVENT_TOLERANCE = 1e-9
 TURNING = 5.0
 PUSH = 0.05  # radians, along the critical mode of a snap
 SNAP_DISTANCE = 0.05  # radians: a loss of stability that moves the shape less is no jump
+LOST = 0.3  # smallest eigenvalue (of order 40 for a strip) above which stability is not being lost
 CHUNK = 512
 
 
@@ -107,7 +108,6 @@ class Runner:
         initial: Array | None = None,
         curvature: Array | None = None,
         time: float = 0.0,
-        eigenvalues: bool = False,
         event_tolerance: float = EVENT_TOLERANCE,
     ) -> None:
         self.structure = structure
@@ -122,13 +122,12 @@ class Runner:
         self.clock = np.zeros(_kernel.CLOCK_SIZE)
         self.clock[_kernel.COS] = 1.0
         self.clock[_kernel.TIME] = time
-        self.clock[_kernel.EIGENVALUE] = np.nan
         hold = structure.hold if isinstance(structure, Ring) else 0.0
         self.tolerance = residual_floor(structure.segments)
         self.event_tolerance = event_tolerance
         self.step = step
         self.options = _kernel.Options(
-            time, step, scheme, TURNING, self.tolerance, event_tolerance, hold, 0, eigenvalues
+            time, step, scheme, TURNING, self.tolerance, event_tolerance, hold, 0
         )
         gain = structure.response * structure.face(light.side)
         if isinstance(light, UserLight):
@@ -155,24 +154,12 @@ class Runner:
 
     def begin(self) -> None:
         """Descend from the guess to the first equilibrium."""
-        status, iterations, energy, residual = _kernel.descend(
-            self.unknown,
-            self.multipliers,
-            self.data,
-            self.space.masses,
-            self.tolerance,
-            2000,
-            0.3,
-            self.work,
-        )
-        if status != 0:
+        if self.descend(2000) != 0:
             raise NotConverged(
-                f"no stable shape to begin with: residual {residual:.3g} after {iterations} "
-                "iterations; pass a shape as `initial`",
+                f"no stable shape to begin with: residual {self.clock[_kernel.RESIDUAL]:.3g}; "
+                "pass a shape as `initial`",
                 state=Shape(self.angles),
             )
-        self.clock[_kernel.ENERGY] = energy
-        self.clock[_kernel.RESIDUAL] = residual
         structure = self.structure
         if isinstance(structure, ClampedStrip) and structure.rise == 0.0:
             height = float(np.mean(structure.positions(self.angles)[:, 1]))
@@ -181,6 +168,22 @@ class Runner:
                     f"argument `bump` is {structure.bump!r}, but no stable shape buckled that way "
                     "was found with this natural curvature; pass the other one"
                 )
+
+    def descend(self, limit: int) -> int:
+        """Descend to a minimum; returns 0 if it was found."""
+        status, _, energy, residual = _kernel.descend(
+            self.unknown,
+            self.multipliers,
+            self.data,
+            self.space.masses,
+            self.tolerance,
+            limit,
+            0.3,
+            self.work,
+        )
+        self.clock[_kernel.ENERGY] = energy
+        self.clock[_kernel.RESIDUAL] = residual
+        return int(status)
 
     def advance(self, until: float, record_every: int, table: Array) -> tuple[int, int]:
         options = self.options._replace(until=until, record_every=record_every)
@@ -210,39 +213,48 @@ class Runner:
         return float(np.max(np.abs(self.space.springs[_kernel.TARGET] - self.curvature)))
 
     def smallest_eigenvalue(self) -> float:
-        """Smallest eigenvalue of the second variation at the present equilibrium."""
-        _kernel.correct(self.unknown, self.multipliers, self.data, np.inf, 0, 0.5, self.work)
+        """Smallest eigenvalue of the second variation; the mode is left in ``space.mode``."""
+        _kernel.evaluate(self.data, self.unknown, self.multipliers, self.work)
         return float(_kernel.smallest_eigenpair(self.space.masses, self.work, self.space.mode))
 
-    def snap(self) -> Snap:
-        """Leave the equilibrium that is being lost."""
+    def snap(self) -> Snap | None:
+        """Leave the equilibrium that is being lost, or return None if it is not.
+
+        The natural curvature is first advanced by twice the bracket of the event, past the loss,
+        and then frozen. The energy descends from the old shape, pushed along the critical mode: at a
+        fold one side leads back to where the minimum vanished, so both are tried.
+        """
         time = self.time
-        eigenvalue = float(self.clock[_kernel.EIGENVALUE])
+        eigenvalue = self.smallest_eigenvalue()
+        if eigenvalue > LOST:
+            return None  # a long step merely led astray
         mode = self.space.mode.copy()
-        if not np.all(np.isfinite(mode)) or not np.any(mode):
-            raise NotConverged(
-                f"the critical mode at t = {time:.6g} could not be found", state=Shape(self.angles)
-            )
         before = self.angles.copy()
+        forces = self.multipliers.copy()
         delay = 2.0 * self.event_tolerance
-        status, released, distance = _kernel.escape(
-            self.clock,
-            self.angles,
-            self.curvature,
-            self.multipliers,
-            self.chain,
-            self.tolerance,
-            delay,
-            PUSH,
-            self.work,
-            self.space,
-        )
-        if status != 0:
+        target = self.space.springs[_kernel.TARGET]
+        self.curvature += -math.expm1(-delay) * (target - self.curvature)
+        self.clock[_kernel.TIME] += delay
+        energy_before = _kernel.evaluate(self.data, self.unknown, self.multipliers, self.work)
+        direction = mode / np.max(np.abs(mode))
+        for push in (PUSH, -PUSH, 3 * PUSH, -3 * PUSH, 9 * PUSH, -9 * PUSH):
+            self.angles[:] = before
+            self.unknown[:] += push * direction
+            self.multipliers[:] = forces
+            for limit in (20, 2000):
+                status = self.descend(limit)
+                distance = float(np.max(np.abs(self.angles - before)))
+                if status == 0 or distance < 0.7 * abs(push):
+                    break  # done, or on the way back
+            if status == 0:
+                break
+        else:
             raise NotConverged(
                 f"stability is lost at t = {time:.9g}, but the descent from there found no stable "
                 "shape; use more segments or another step",
                 state=Shape(before),
             )
+        self.clock[_kernel.TRIAL] = 0.0
         return Snap(
             time + 0.5 * delay,
             0.5 * delay,
@@ -252,7 +264,7 @@ class Runner:
             self.curvature.copy(),
             mode,
             eigenvalue,
-            float(released),
+            float(energy_before - self.clock[_kernel.ENERGY]),
         )
 
 
@@ -268,13 +280,12 @@ def _python_look(structure: Elastica, light: UserLight) -> Callable[..., None]:
         lamp: _kernel.Lamp,
         angles: Array,
         space: _kernel.Space,
-        row: int,
     ) -> None:
         if chain.ring:
             _kernel.roll(clock, free, chain, angles, space.nodes)
         x, y, theta = structure_points(structure, angles, clock)
         flux = light.flux(x, y, theta, s, float(clock[_kernel.TIME]))
-        space.springs[row] = natural + structure.response * face * flux
+        space.springs[_kernel.TARGET_NEXT] = natural + structure.response * face * flux
 
     return look
 
@@ -309,14 +320,18 @@ class _Recorder:
             self.chunks.append(self.table[:rows].copy())
             self.kinds.extend(["step"] * rows)
 
-    def row(self, runner: Runner, kind: str, eigenvalue: float) -> int:
+    def row(self, runner: Runner, kind: str) -> int:
         clock = runner.clock
-        head = [clock[_kernel.TIME], clock[_kernel.ENERGY], eigenvalue]
+        head = [clock[_kernel.TIME], clock[_kernel.ENERGY]]
         pose = clock[_kernel.CONTACT : _kernel.SHIFT_Y + 1]
         parts = (head, pose, runner.multipliers, runner.angles, runner.curvature)
         self.chunks.append(np.concatenate(parts)[None])
         self.kinds.append(kind)
         return len(self.kinds) - 1
+
+    def drop(self) -> None:
+        self.chunks.pop()
+        self.kinds.pop()
 
     @property
     def last_time(self) -> float:
@@ -356,7 +371,6 @@ class Motion:
         scheme: str = "exponential-2",
         record_every: int | None = 1,
         report_at: ArrayLike | None = None,
-        eigenvalues: bool = False,
         initial: Shape | History | None = None,
         stop_after: int | None = None,
         on_snap: Callable[[Snap], None] | None = None,
@@ -386,8 +400,6 @@ class Motion:
         report_at : array_like, optional
             Times to hit exactly and record. Steps in between are then recorded only if
             `record_every` is given as well.
-        eigenvalues : bool
-            Record the smallest eigenvalue of the second variation in every row.
         initial : Shape or History, optional
             Begin with this shape, or go on from the end of a history.
         stop_after : int, optional
@@ -443,17 +455,12 @@ class Motion:
                     f"argument `report_at` must increase within [{time:g}, {until:g}]"
                 )
             reports = [float(t) for t in wanted if t > time]
-        runner = Runner(
-            structure, self.light, SCHEMES[scheme], step, angles, curvature, time, eigenvalues
-        )
+        runner = Runner(structure, self.light, SCHEMES[scheme], step, angles, curvature, time)
         runner.clock[_kernel.CONTACT] = contact
         recorder = _Recorder(structure)
         snaps: list[Snap] = []
         every = 0 if record_every is None else record_every
         reason = "until"
-
-        def eigenvalue() -> float:
-            return runner.smallest_eigenvalue() if eigenvalues else math.nan
 
         def history(why: str) -> History:
             return History.build(structure, self.light, recorder, tuple(snaps), why, runner)
@@ -462,7 +469,7 @@ class Motion:
             if angles is None:
                 runner.begin()
             runner.advance(time, 0, recorder.table)
-            recorder.row(runner, "start", eigenvalue())
+            recorder.row(runner, "start")
             targets = [*reports, until] if not reports or reports[-1] < until else reports
             stalled = 0
             for index, target in enumerate(targets):
@@ -471,14 +478,15 @@ class Motion:
                     recorder.take(rows)
                     if why == _kernel.DONE:
                         break
-                    if why == _kernel.LOST_STABILITY:
-                        row = recorder.row(
-                            runner, "before snap", float(runner.clock[_kernel.EIGENVALUE])
-                        )
+                    if why == _kernel.ENCLOSED:
                         last = snaps[-1].time if snaps else -math.inf
+                        row = recorder.row(runner, "before snap")
                         snap = runner.snap()
+                        if snap is None:
+                            recorder.drop()
+                            continue
                         snap = Snap(**{**snap.__dict__, "row": row})
-                        recorder.row(runner, "after snap", eigenvalue())
+                        recorder.row(runner, "after snap")
                         snaps.append(snap)
                         stalled = stalled + 1 if snap.time - last < 1e-7 else 0
                         if stalled >= 20:
@@ -496,7 +504,7 @@ class Motion:
                     break
                 if recorder.kinds[-1] != "step" or recorder.last_time != runner.time:
                     kind = "end" if index == len(targets) - 1 else "reported"
-                    recorder.row(runner, kind, eigenvalue())
+                    recorder.row(runner, kind)
         except (NotConverged, InvalidInput) as error:
             if isinstance(error, NotConverged) and recorder.kinds:
                 error.history = history("failed")
@@ -523,9 +531,6 @@ class History:
         Multipliers of the end-to-end vector.
     energy : ndarray, shape (r,)
         Bending energy.
-    eigenvalue : ndarray, shape (r,)
-        Smallest eigenvalue of the second variation under the constraints, in the L2 metric of
-        the angle; NaN where it was not asked for.
     contact : ndarray, shape (r,)
         Arc length of the contact of a ring, unwrapped: the distance traveled.
     kinds : tuple of str
@@ -547,7 +552,6 @@ class History:
     curvature: Array = field(repr=False)
     forces: Array = field(repr=False)
     energy: Array = field(repr=False)
-    eigenvalue: Array = field(repr=False)
     contact: Array = field(repr=False)
     pose: Array = field(repr=False)
     kinds: tuple[str, ...] = field(repr=False)
@@ -580,8 +584,7 @@ class History:
             table[:, first : first + 2],
             table[:, 1],
             table[:, 2],
-            table[:, 3],
-            table[:, 4:8],
+            table[:, 3:7],
             tuple(recorder.kinds),
             snaps,
             reason,
@@ -621,6 +624,29 @@ class History:
     def shape(self, row: int) -> Shape:
         """Return the shape of a row."""
         return Shape(self.angles[row])
+
+    @cached_property
+    def eigenvalue(self) -> Array:
+        """Smallest eigenvalue of the second variation under the constraints, shape (r,).
+
+        In the L2 metric of the angle, so that it does not depend on the mesh. Computed at first use.
+        """
+        structure = self.structure
+        chain = structure.chain
+        space = _kernel.space_for(chain, structure.angles_count)
+        out = np.empty(len(self))
+        _kernel.eigenvalues_of(
+            chain,
+            np.array(self.angles),
+            np.array(self.curvature),
+            np.array(self.forces),
+            space.masses,
+            _kernel.chain_work(structure.size, 2),
+            space.nodes,
+            out,
+        )
+        out.flags.writeable = False
+        return out
 
     # -- descriptors --------------------------------------------------------------------------
     @cached_property
@@ -757,14 +783,14 @@ class History:
     def to_frame(self) -> pd.DataFrame:
         """Return a table with one row per recorded instant.
 
-        Columns: time, kind, energy, eigenvalue, deflection_descriptor, curvature_descriptor,
+        Columns: time, kind, energy, smallest_eigenvalue, deflection_descriptor, curvature_descriptor,
         crest (strips), contact and rotation (rings).
         """
         columns: dict[str, Any] = {
             "time": self.times,
             "kind": list(self.kinds),
             "energy": self.energy,
-            "eigenvalue": self.eigenvalue,
+            "smallest_eigenvalue": self.eigenvalue,
             "deflection_descriptor": self.deflection_descriptor,
             "curvature_descriptor": self.curvature_descriptor,
         }

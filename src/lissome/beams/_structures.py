@@ -245,7 +245,7 @@ class Elastica(BaseStructure):
         angles = np.array(state.angles)
         work = _kernel.chain_work(n, 2)
         energy = _kernel.evaluate(
-            (chain, angles, np.array(self.spontaneous), np.zeros((6, k))),
+            (chain, angles, np.array(self.spontaneous), np.zeros((_kernel.NODE_ROWS, k))),
             angles[chain.first : chain.last],
             np.array(multipliers, dtype=float),
             work,
@@ -266,7 +266,12 @@ class Elastica(BaseStructure):
         angles = np.array(state.angles)
         forces = np.array(multipliers, dtype=float)
         work = _kernel.chain_work(self.size, 2)
-        data = (chain, angles, np.array(self.spontaneous), np.zeros((6, self.angles_count)))
+        data = (
+            chain,
+            angles,
+            np.array(self.spontaneous),
+            np.zeros((_kernel.NODE_ROWS, self.angles_count)),
+        )
         status, *_ = _kernel.correct(
             angles[chain.first : chain.last],
             forces,

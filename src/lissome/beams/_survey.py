@@ -155,8 +155,10 @@ def flapping(
     # Decay to rest takes log(1/rest) relaxation times at least: look about once in each.
     while runner.time < until and count < snaps:
         reason, _ = runner.advance(min(runner.time + 1.0, until), 0, table)
-        if reason == _kernel.LOST_STABILITY:
+        if reason == _kernel.ENCLOSED:
             snap = runner.snap()
+            if snap is None:
+                continue
             count += 1
             seen.append(snap)
             if len(seen) > 17:
@@ -233,9 +235,11 @@ def first_snap(
     bifurcated = math.nan
     while runner.time < until:
         reason, _ = runner.advance(min(runner.time + 1.0, until), 0, table)
-        if reason == _kernel.LOST_STABILITY:
+        if reason == _kernel.ENCLOSED:
             rate = runner.rate()
             snap = runner.snap()
+            if snap is None:
+                continue
             if snap.kind == "snap":
                 return FirstSnap(
                     True,
