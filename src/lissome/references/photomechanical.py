@@ -302,7 +302,7 @@ class _Strip:
         scale = float(np.linalg.norm(a))  # about 2 at span 0.95; shallow strips move less
         away = np.inf if leaving is None else float(np.linalg.norm(a - leaving))
         energy = 0.5 * float((a - k) @ (a - k))
-        for sweep in range(4000):
+        for sweep in range(1500):
             _, gradient = self.constraints(a)
             force = k - a
             force = force - gradient @ np.linalg.lstsq(gradient, force, rcond=None)[0]
@@ -330,7 +330,7 @@ class _Strip:
             a, energy = trial, new
             if sweep % 8 == 7:
                 step = min(0.5, 2.0 * step)
-        raise NotConverged("gradient flow did not settle in 4000 steps", state=(a, k))
+        raise NotConverged("gradient flow did not settle in 1500 steps", state=(a, k))
 
     def _restore(self, a: Array) -> Array:
         for _ in range(50):
@@ -435,6 +435,7 @@ def _run(
     stop: Callable[[list[Snap]], bool] | None,
     still: float,
     perturbation: float,
+    jump: bool = True,
 ) -> StripHistory:
     m = strip.basis.modes
     a, multipliers = strip.equilibrium(a, k)
@@ -493,10 +494,18 @@ def _run(
 
                 place = brentq(lowest, solver.t_old, solver.t, xtol=1e-13)
                 y = dense(place)
-                if y[-1] > until:
+                if y[-1] >= until:
+                    y = dense(brentq(lambda x, d=dense: d(x)[-1] - until, solver.t_old, place))
+                    record(until, y)
+                    time = until
                     break
                 kind = "fold" if abs(path(place, y)[-1]) < 1e-3 else "bifurcation"
                 record(y[-1], y)
+                if not jump:  # only the time is wanted
+                    critical = y[m : 2 * m].copy()
+                    snaps.append(Snap(float(y[-1]), kind, critical, critical, 0))
+                    time = until
+                    break
                 snap = _jump(strip, y, kind, perturbation)
                 snaps.append(snap)
                 k, time = y[:m].copy(), float(y[-1])
@@ -535,20 +544,24 @@ def _jump(strip: _Strip, y: Array, kind: str, perturbation: float) -> Snap:
     k, a = y[:m], y[m : 2 * m]
     _, mode = strip.eigen(a, y[2 * m : 2 * m + 2])
     mode = mode * (np.linalg.norm(a) / np.linalg.norm(mode))
-    starts = [strip._restore(a + sign * perturbation * mode) for sign in (1.0, -1.0)]
-    starts.sort(key=lambda start: float((start - k) @ (start - k)))
     best: Array | None = None
     lowest = np.inf
-    # at a fold the energy falls on one side only; at a symmetric loss of stability on both
-    for start in starts:
-        try:
-            found, _ = strip.descend(start, k, leaving=a)
-        except (NotConverged, Unstable):
-            continue  # this side leads back to the critical state
-        energy = float((found - k) @ (found - k))
-        if energy < lowest:
-            best, lowest = found, energy
-        if kind == "fold":
+    # a symmetric loss of stability is so flat that a small push may take very long: push harder
+    for push in (perturbation, 4 * perturbation, 16 * perturbation):
+        starts = [strip._restore(a + sign * push * mode) for sign in (1.0, -1.0)]
+        starts.sort(key=lambda start: float((start - k) @ (start - k)))
+        # at a fold the energy falls on one side only; at a symmetric loss of stability on both
+        for start in starts:
+            try:
+                found, _ = strip.descend(start, k, leaving=a)
+            except (NotConverged, Unstable):
+                continue  # this side leads back to the critical state
+            energy = float((found - k) @ (found - k))
+            if energy < lowest:
+                best, lowest = found, energy
+            if kind == "fold":
+                break
+        if best is not None:
             break
     if best is None:
         raise NotConverged(f"no state found to snap to at T = {y[-1]:g}", state=(a, k))
@@ -748,9 +761,10 @@ def snap_time(
         _buckled(strip, True),
         positive("limit", limit),
         positive("rtol", rtol),
-        lambda snaps: len(snaps) > 0,
+        None,
         1e-9,
         1e-2,
+        jump=False,
     )
     return history.snaps[0].time if history.snaps else np.inf
 
