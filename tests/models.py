@@ -5,10 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from lissome.factorization import ChainKKT, ChainLayout, DenseKKT, TridiagonalKKT
+from lissome.factorization import (
+    ChainKKT,
+    ChainLayout,
+    DenseKKT,
+    SparseKKT,
+    TridiagonalKKT,
+)
 from lissome.structure import BaseStructure, DenseStructure, Evaluation, VectorState
 
 # ---- normal forms ---------------------------------------------------------------------------------
@@ -451,3 +458,57 @@ class HangingChain(BaseStructure):
         width = lambda a: np.sum(np.cos(np.arctan(a * k))) / self.links - self.span  # noqa: E731
         angle = np.arctan(brentq(width, 1e-9, 1e6) * k)
         return np.cumsum(np.sin(angle))[:-1] / self.links
+
+
+# ---- plate ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PressedPlate(BaseStructure):
+    """Simply supported square plate on a hardening foundation, pressed along x (differences).
+
+    Energy: the integral of (lap w)^2 / 2 - P (dw/dx)^2 / 2 + w^4 / 4. The flat state loses stability
+    at the least P = (a_i + a_j)^2 / a_i with a_k = (2 - 2 cos(k pi h)) / h^2.
+    """
+
+    load: float
+    cells: int = 16
+
+    @property
+    def size(self):
+        return (self.cells - 1) ** 2
+
+    def start(self):
+        return VectorState(np.zeros(self.size))
+
+    def metric(self, state):
+        return np.full(self.size, 1.0 / self.cells**2)
+
+    def _operators(self):
+        n, h = self.cells - 1, 1.0 / self.cells
+        line = sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(n, n)) / h**2
+        eye = sparse.eye_array(n)
+        along = sparse.kron(line, eye).tocsc()
+        both = along + sparse.kron(eye, line)
+        return h**2 * (both @ both - self.load * along)
+
+    def evaluate(self, state, multipliers, order=2):
+        w, area, linear = state.x, 1.0 / self.cells**2, self._operators()
+        force = linear @ w
+        energy = 0.5 * w @ force + area * np.sum(w**4) / 4
+        if order == 0:
+            return Evaluation(energy, np.zeros(0))
+        gradient = force + area * w**3
+        if order == 1:
+            return Evaluation(energy, np.zeros(0), gradient)
+        kkt = SparseKKT(linear + sparse.diags_array(3 * area * w**2))
+        return Evaluation(energy, np.zeros(0), gradient, kkt)
+
+    def flat_eigenvalues(self):
+        """All eigenvalues of the flat state, ascending."""
+        a = (2 - 2 * np.cos(np.arange(1, self.cells) * np.pi / self.cells)) * self.cells**2
+        return np.sort(((a[:, None] + a) ** 2 - self.load * a[:, None]).ravel())
+
+    def critical_load(self):
+        a = (2 - 2 * np.cos(np.arange(1, self.cells) * np.pi / self.cells)) * self.cells**2
+        return np.min((a[:, None] + a) ** 2 / a[:, None])

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import sparse
 
+from lissome import _multifrontal
 from lissome.errors import FactorizationError, InvalidInput
 from lissome.factorization import (
     ChainKKT,
     ChainLayout,
     DenseKKT,
+    SparseKKT,
     TridiagonalKKT,
 )
 
@@ -348,3 +351,122 @@ def test_wrong_shapes_are_named():
         factor.solve(np.ones(3))
     with pytest.raises(InvalidInput, match="rhs_c"):
         factor.solve(np.ones(2), np.ones(1))
+
+
+# ---- sparse ---------------------------------------------------------------------------------------
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(1, 60),
+    m=st.integers(0, 12),
+    g=st.integers(0, 2),
+    density=st.sampled_from([0.02, 0.1, 0.3]),
+    loose=st.booleans(),
+    leaf=st.sampled_from([2, 6, 96]),
+)
+def test_sparse_equals_dense(seed, n, m, g, density, loose, leaf):
+    """Random patterns, also without diagonals and in several parts; small fronts delay often."""
+    rng = np.random.default_rng(seed)
+    m = min(m, n - 1)
+    hessian = sparse.random_array((n, n), density=density, rng=rng, data_sampler=rng.normal)
+    hessian = hessian + hessian.T
+    if not loose:
+        hessian = hessian + sparse.diags_array(rng.normal(size=n))
+    jacobian = sparse.random_array((m, n), density=0.2, rng=rng, data_sampler=rng.normal)
+    gauge, metric = rng.normal(size=(g, n)), rng.uniform(0.5, 2.0, n)
+    dense = DenseKKT(hessian.toarray(), jacobian.toarray())
+    full = dense.matrix(0.0, gauge, metric, 0.0)
+    if m + g >= n or not well_posed(full):
+        return
+    before = _multifrontal.LEAF
+    _multifrontal.LEAF = leaf
+    _multifrontal._PLANS.clear()
+    try:
+        factor = SparseKKT(hessian, jacobian).factorize(0.0, gauge, metric)
+    finally:
+        _multifrontal.LEAF = before
+        _multifrontal._PLANS.clear()
+    assert factor.inertia == inertia_of(full)
+    rhs = rng.normal(size=(n + m, 2))
+    found = np.vstack(factor.solve(rhs[:n], rhs[n:]))
+    exact = np.linalg.solve(full, np.vstack([rhs, np.zeros((g, 2))]))[: n + m]
+    condition = np.linalg.cond(full)
+    np.testing.assert_allclose(found, exact, atol=1e3 * EPS * condition * np.abs(exact).max())
+
+
+def laplacian(n):
+    """The five-point Laplacian of the square, zero at the sides, spacing 1."""
+    line = sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(n, n))
+    eye = sparse.eye_array(n)
+    return (sparse.kron(line, eye) + sparse.kron(eye, line)).tocsc()
+
+
+@pytest.mark.parametrize("n", [5, 40])
+def test_inertia_of_a_shifted_laplacian(n):
+    """Eigenvalues are known: 4 - 2 cos a - 2 cos b."""
+    angle = np.pi * np.arange(1, n + 1) / (n + 1)
+    values = np.add.outer(2 - 2 * np.cos(angle), 2 - 2 * np.cos(angle)).ravel()
+    kkt = SparseKKT(laplacian(n))
+    for shift in (-0.013, -0.61, -3.33, -7.9):
+        below = int(np.sum(values < -shift))
+        factor = kkt.factorize(shift)
+        assert factor.inertia == (n * n - below, below, 0)
+    # At an eigenvalue the matrix is singular; the middle one, 4, has multiplicity n.
+    at = kkt.factorize(-4.0)
+    assert at.inertia == ((n * n - n) // 2, (n * n - n) // 2, n)
+    force = np.sin(np.arange(n * n))
+    dx, _ = kkt.factorize(-0.61).solve(force)
+    np.testing.assert_allclose(laplacian(n) @ dx - 0.61 * dx, force, atol=1e-10)
+
+
+def test_sparse_saddle_point_whose_multipliers_have_no_stiffness():
+    """w with a stiff rotation: unknowns (w, r), constraint r = difference of w, no energy in r."""
+    n = 30
+    w = laplacian(n) @ laplacian(n)
+    slope = sparse.diags_array([1.0, -1.0], offsets=[0, 1], shape=(n * n, n * n))
+    hessian = sparse.block_diag([w, sparse.csr_array((n * n, n * n))])
+    jacobian = sparse.hstack([slope, -sparse.eye_array(n * n)])
+    factor = SparseKKT(hessian, jacobian).factorize()
+    assert factor.inertia == (2 * n * n, n * n, 0)
+    assert factor.is_minimum
+    force = np.zeros(2 * n * n)
+    force[: n * n] = 1.0
+    dx, dm = factor.solve(force)
+    np.testing.assert_allclose(w @ dx[: n * n], 1.0, atol=1e-8)
+    np.testing.assert_allclose(dx[n * n :], slope @ dx[: n * n], atol=1e-9 * np.abs(dx).max())
+    assert np.max(np.abs(dm)) < 1e-7
+
+
+def test_free_plate_needs_its_gauge():
+    """A free sheet of springs: constants are neutral; the dense gauge row removes them."""
+    n = 25
+    edge = sparse.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(n - 1, n))
+    line = edge.T @ edge
+    eye = sparse.eye_array(n)
+    kkt = SparseKKT(sparse.kron(line, eye) + sparse.kron(eye, line))
+    assert kkt.factorize().inertia == (n * n - 1, 0, 1)
+    factor = kkt.factorize(gauge=np.ones((1, n * n)))
+    assert factor.inertia == (n * n, 1, 0)
+    assert factor.is_minimum
+
+
+def test_the_analysis_of_a_pattern_is_remembered():
+    _multifrontal._PLANS.clear()
+    kkt = SparseKKT(laplacian(12))
+    for shift in (0.0, 1.0, -2.5):
+        kkt.factorize(shift)
+    SparseKKT(3.0 * laplacian(12)).factorize()
+    assert len(_multifrontal._PLANS) == 1
+
+
+def test_sparse_input_is_checked():
+    with pytest.raises(InvalidInput, match="square"):
+        SparseKKT(sparse.csr_array((2, 3)))
+    with pytest.raises(InvalidInput, match="not symmetric"):
+        SparseKKT(sparse.csr_array(np.array([[1.0, 2.0], [0.0, 1.0]])))
+    with pytest.raises(InvalidInput, match="jacobian"):
+        SparseKKT(sparse.eye_array(3), sparse.eye_array(2))
+    with pytest.raises(FactorizationError, match="NaN"):
+        SparseKKT(sparse.diags_array([1.0, np.nan])).factorize()

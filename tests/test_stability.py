@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from models import (
     Column,
     HangingChain,
+    PressedPlate,
     Ring,
     Strip,
     Truss,
@@ -88,6 +89,22 @@ def test_ring_has_double_eigenvalues():
     exact = (2 - 2 * np.cos(2 * np.pi * np.array([2, 2, 3, 3, 4]) / n)) * n**2
     found = equilibrate(Ring(n, disturbance=0.3))
     np.testing.assert_allclose(smallest_eigenvalue(found, count=5).values, exact, rtol=1e-8)
+
+
+def test_pressed_plate():
+    """A sparse structure: flat below the critical load, an eigenvalue of its exact spectrum."""
+    critical = PressedPlate(0.0).critical_load()
+    for part in (0.9, 1.1, 2.0):
+        flat = equilibrate(PressedPlate(part * critical), require="any")
+        exact = flat.structure.flat_eigenvalues()
+        assert flat.index == np.sum(exact < 0)
+        found = smallest_eigenvalue(flat, count=5)
+        np.testing.assert_allclose(found.values, exact[:5], rtol=1e-8)
+    bulged = equilibrate(PressedPlate(1.1 * critical))
+    assert bulged.stable
+    assert np.max(np.abs(bulged.state.x)) > 0.1
+    assert bulged.smallest_eigenvalue() > 0
+    assert equilibrate(PressedPlate(0.9 * critical)).energy == 0.0
 
 
 @pytest.mark.parametrize("multiplicity", [2, 5, 9])

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 from scipy.linalg import lapack
 
 from .errors import FactorizationError, InvalidInput
@@ -31,6 +32,7 @@ __all__ = [
     "DenseKKT",
     "Factorization",
     "KKTMatrix",
+    "SparseKKT",
     "TridiagonalKKT",
 ]
 
@@ -707,3 +709,143 @@ class TridiagonalKKT(ChainKKT):
         band[:, 0] = diagonal
         band[:-1, 1] = off_diagonal
         super().__init__(band, rows)
+
+
+class _SparseFactorization(Factorization):
+    def __init__(self, matrix: Any, last: int, positions: NDArray[np.int64], counts: Any) -> None:
+        from ._multifrontal import Multifrontal
+
+        self.n, self.m, self.g = counts
+        self._matrix = matrix  # both triangles, every diagonal entry present
+        self._positions = positions
+        sizes = np.abs(matrix.data)
+        self._norm = float(np.max(sizes))
+        if not math.isfinite(self._norm):
+            raise FactorizationError("the KKT matrix holds NaN or infinity")
+        scale = np.ones(matrix.shape[0])
+        columns = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+        for _ in range(3):
+            largest = np.maximum.reduceat(sizes * scale[matrix.indices], matrix.indptr[:-1]) * scale
+            scale /= np.sqrt(np.where(largest > 0, largest, 1.0))
+        self._scale = np.exp2(np.round(np.log2(scale)))
+        scaled = matrix.copy()
+        scaled.data = matrix.data * self._scale[matrix.indices] * self._scale[columns]
+        self._factors = Multifrontal(scaled, self.n, last)
+        self.inertia = self._factors.inertia
+        self.relative_smallest_pivot = self._factors.relative_smallest_pivot
+
+    def _solve(self, rhs: Array) -> Array:
+        full = np.empty_like(rhs)
+        full[self._positions] = rhs
+        scale = self._scale[:, None]
+        return (self._factors.solve(full * scale) * scale)[self._positions]
+
+    def _apply(self, z: Array) -> Array:
+        full = np.empty_like(z)
+        full[self._positions] = z
+        return (self._matrix @ full)[self._positions]
+
+
+class SparseKKT(KKTMatrix):
+    """A sparse KKT matrix, for plates and other meshes in two dimensions.
+
+    Factored by nested dissection and dense fronts (:mod:`lissome._multifrontal`), with delayed
+    elimination where a front is nearly singular: the inertia is that of the whole matrix, also when
+    multipliers have zero diagonals. The analysis of a pattern is remembered.
+
+    Parameters
+    ----------
+    hessian : sparse matrix, shape (n, n)
+        Hessian of the Lagrangian, both triangles; symmetric to 1e-8 of its size. Keep entries that
+        happen to be zero, so that the pattern stays the same from state to state.
+    jacobian : sparse matrix, shape (m, n), optional
+        Derivatives of the constraints. Rows that are nearly full are treated as dense.
+
+    Raises
+    ------
+    InvalidInput
+        If a shape is wrong or the Hessian is not symmetric.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from lissome.factorization import SparseKKT
+    >>> chain = sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(500, 500))
+    >>> SparseKKT(chain).factorize(shift=-1.001).inertia  # 167 eigenvalues up to 1
+    (333, 167, 0)
+    >>> SparseKKT(chain).factorize(shift=-1.0).inertia  # one of them is 1
+    (333, 166, 1)
+    """
+
+    def __init__(self, hessian: Any, jacobian: Any = None) -> None:
+        h = sparse.csc_matrix(hessian, dtype=float)
+        if h.shape[0] != h.shape[1]:
+            raise InvalidInput(f"argument `hessian` has shape {h.shape}; it must be square")
+        self.n = h.shape[0]
+        j = sparse.csr_matrix((0, self.n)) if jacobian is None else sparse.csr_matrix(jacobian)
+        if j.shape[1] != self.n:
+            raise InvalidInput(f"argument `jacobian` has shape {j.shape}; it must be (m, {self.n})")
+        self.m = j.shape[0]
+        with np.errstate(invalid="ignore"):
+            skew = abs(h - h.T)
+            largest = float(skew.data.max()) if skew.nnz else 0.0
+            size = float(np.abs(h.data).max()) if h.nnz else 0.0
+        if largest > 1e-8 * size:
+            raise InvalidInput(
+                f"argument `hessian` is not symmetric: entries differ by up to {largest:.3g}; check "
+                "the second derivatives"
+            )
+        self.hessian = h
+        self.jacobian = j.astype(float)
+
+    def apply(self, dx: Array, dmultipliers: Array) -> tuple[Array, Array]:
+        """Return ``H dx + J^T dmultipliers`` and ``J dx``."""
+        return self.hessian @ dx + self.jacobian.T @ dmultipliers, self.jacobian @ dx
+
+    def magnitude(self, dx: Array, dmultipliers: Array) -> tuple[Array, Array]:
+        """Return the sizes of the terms that `apply` sums."""
+        h, j = abs(self.hessian), abs(self.jacobian)
+        return h @ np.abs(dx) + j.T @ np.abs(dmultipliers), j @ np.abs(dx)
+
+    def jacobian_rows(self) -> Array:
+        """Return the Jacobian as a dense matrix."""
+        return self.jacobian.toarray()
+
+    def factorize(
+        self,
+        shift: float = 0.0,
+        gauge: Array | None = None,
+        metric: Array | None = None,
+        relaxation: float = 0.0,
+    ) -> Factorization:
+        """Factor the matrix; see :meth:`KKTMatrix.factorize`."""
+        n, m = self.n, self.m
+        rows = _gauge_rows(gauge, n)
+        g = rows.shape[0]
+        full = np.diff(self.jacobian.indptr) > max(64, n // 8)
+        order = np.concatenate([np.flatnonzero(~full), np.flatnonzero(full)])
+        below = sparse.vstack([self.jacobian[order], sparse.csr_matrix(rows)]).tocoo()
+        upper = self.hessian.tocoo()
+        diagonal = np.zeros(n + m + g)
+        if shift:
+            diagonal[:n] = shift * _mass(metric, n)
+        diagonal[n : n + m] = -relaxation
+        every = np.arange(n + m + g)
+        # Zeros on the diagonal are entries, so that the pattern does not depend on the shift.
+        matrix = sparse.coo_matrix(
+            (
+                np.concatenate([upper.data, below.data, below.data, diagonal]),
+                (
+                    np.concatenate([upper.row, below.row + n, below.col, every]),
+                    np.concatenate([upper.col, below.col, below.row + n, every]),
+                ),
+            ),
+            shape=(n + m + g, n + m + g),
+        ).tocsc()
+        matrix.sort_indices()
+        place = np.empty(m, dtype=np.int64)
+        place[order] = np.arange(m)
+        positions = np.concatenate([np.arange(n), n + place, np.arange(n + m, n + m + g)])
+        last = int(np.count_nonzero(full)) + g
+        return _SparseFactorization(matrix, last, positions, (n, m, g))
