@@ -70,7 +70,7 @@ SCALARS = 7
 # Rows of `Space.nodes` and `Space.springs`.
 SINE, COSINE, OLD_ANGLES, X, Y, LEAN, ANGLE = range(7)
 NODE_ROWS = 7
-TARGET, TARGET_NEXT, NEW, OLD = range(4)
+TARGET, TARGET_NEXT, NEW, OLD, SLOPE = range(5)
 
 
 class Chain(NamedTuple):
@@ -108,7 +108,7 @@ class Options(NamedTuple):
     until: float
     step: float
     scheme: int
-    turning: float
+    bending: float
     tolerance: float
     event_tolerance: float
     hold: float
@@ -118,9 +118,10 @@ class Options(NamedTuple):
 class Space(NamedTuple):
     """Scratch arrays of the time loop.
 
-    ``nodes`` (7, M): sines, cosines, old angles, positions, lean, angles; ``springs`` (4, M - 1): what the
-    light asks for now and at the end of the step, new and old curvature; ``masses`` and ``mode`` (n,);
-    ``saved``: clock and multipliers at the start of the step.
+    ``nodes`` (7, M): sines, cosines, old angles, positions, lean, angles. ``springs`` (5, M - 1): what
+    the light asks for now and at the end of the step, new and old curvature, and the rate of what the
+    light asks for. ``masses`` and ``mode`` (n,). ``saved``: clock and multipliers at the start of the
+    step.
     """
 
     nodes: np.ndarray
@@ -137,7 +138,7 @@ def space_for(chain: Chain, size: int) -> Space:
     masses = weights[chain.first : chain.last].copy()
     return Space(
         np.zeros((NODE_ROWS, size)),
-        np.zeros((4, size - 1)),
+        np.zeros((5, size - 1)),
         masses,
         np.zeros(masses.size),
         np.zeros(CLOCK_SIZE + 2),
@@ -377,9 +378,12 @@ def march(
 
     Every accepted step ends at an equilibrium with as many negative pivots as constraints.  A
     step that does not is halved, until the time at which the stable equilibrium is lost is
-    enclosed within ``options.event_tolerance``.  Steps are shortened where the shape turns faster
-    than ``options.turning`` per unit of time: the square-root approach to a fold would else spoil
-    the order of the scheme.
+    enclosed within ``options.event_tolerance``.
+
+    Steps are shortened where what the light asks for bends in time: in the mean over the springs
+    its second derivative, times the square of the step, may not exceed ``options.bending`` times
+    the square of ``options.step`` times its mean distance from the natural curvature.  In the
+    square-root approach to a fold the error would else be of order 3/2 in the step.
 
     Returns
     -------
@@ -400,6 +404,7 @@ def march(
     rows = 0
     since = 0
     failed_at = np.inf
+    last_dt = 0.0
     begun = False
     stale = True  # the factors in `work` do not belong to the current state
     raised = 0.0
@@ -491,11 +496,20 @@ def march(
             clock[ENERGY] = energy
             clock[RESIDUAL] = residual
             clock[STEPS] += 1.0
+            change = 0.0
+            size = 0.0
             for j in range(curvature.size):
+                slope = (springs[TARGET_NEXT, j] - springs[TARGET, j]) / dt
+                change += abs(slope - springs[SLOPE, j])
+                size += abs(springs[TARGET_NEXT, j] - natural[j])
+                springs[SLOPE, j] = slope
                 springs[TARGET, j] = springs[TARGET_NEXT, j]
             next_step = options.step
-            if options.scheme != EXPLICIT_EULER and turned > options.turning * dt:
-                next_step = options.step * options.turning * dt / turned
+            if options.scheme != EXPLICIT_EULER and last_dt > 0.0:
+                second = change / (0.5 * (dt + last_dt))
+                if second > options.bending * size:
+                    next_step *= math.sqrt(options.bending * size / second)
+            last_dt = dt
             next_step = min(next_step, 2.0 * max(dt, clock[TRIAL]))
             if failed_at < np.inf:
                 # The loss of stability is enclosed: halve the interval.

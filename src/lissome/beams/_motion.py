@@ -28,8 +28,8 @@ SCHEMES = {
 }
 DEFAULT_STEP = 0.005
 EVENT_TOLERANCE = 1e-9
-# Steps are shortened where the tangent turns faster than this (radians per relaxation time).
-TURNING = 5.0
+# Steps are shortened where the flux bends more in time than this (see `_kernel.march`).
+BENDING = 1.0
 PUSH = 0.05  # radians, along the critical mode of a snap
 SNAP_DISTANCE = 0.05  # radians: a loss of stability that moves the shape less is no jump
 LOST = 0.3  # smallest eigenvalue (of order 40 for a strip) above which stability is not being lost
@@ -127,7 +127,7 @@ class Runner:
         self.event_tolerance = event_tolerance
         self.step = step
         self.options = _kernel.Options(
-            time, step, scheme, TURNING, self.tolerance, event_tolerance, hold, 0
+            time, step, scheme, BENDING, self.tolerance, event_tolerance, hold, 0
         )
         gain = structure.response * structure.face(light.side)
         if isinstance(light, UserLight):
@@ -388,8 +388,8 @@ class Motion:
         until : float
             Final time, in relaxation times of the material.
         step : float
-            Longest time step. With the exponential schemes it is shortened where the tangent turns
-            faster than 5 radians per relaxation time.
+            Longest time step. With the exponential schemes it is shortened where the flux on the
+            material bends strongly in time (before a snap), which keeps the order of the scheme.
         scheme : {"exponential-2", "exponential-1", "explicit-euler"}
             "exponential-2" (default) is exact for a light flux on the material that varies linearly in
             time, and of second order, away from the terminator (where the flux has a kink as
