@@ -136,7 +136,8 @@ class Factorization(ABC):
                 break
             z = np.where(better, trial, z)
             residual = np.where(better, left, residual)
-            done = np.all(new >= 0.25 * size)
+            floor = 4 * EPS * (np.max(np.abs(rhs), axis=0) + self._norm * np.max(np.abs(z), axis=0))
+            done = np.all((new >= 0.25 * size) | (new <= floor))
             size = np.where(better, new, size)
             if done:
                 break
