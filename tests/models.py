@@ -512,3 +512,37 @@ class PressedPlate(BaseStructure):
     def critical_load(self):
         a = (2 - 2 * np.cos(np.arange(1, self.cells) * np.pi / self.cells)) * self.cells**2
         return np.min((a[:, None] + a) ** 2 / a[:, None])
+
+
+# ---- random ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RandomFamily:
+    """Three unknowns, one linear constraint, a coercive energy, loads that grow with p."""
+
+    seed: int
+
+    def parts(self):
+        generator = np.random.default_rng(self.seed)
+        a, b = generator.normal(size=(2, 3, 3))
+        return a + a.T, b + b.T, generator.normal(size=3), generator.normal(size=(1, 3))
+
+    def __call__(self, p):
+        a, b, force, row = self.parts()
+        matrix = a - p * b
+        return DenseStructure(
+            initial=np.zeros(3),
+            energy=lambda x: (x @ x) ** 2 / 4 + x @ matrix @ x / 2 - p * force @ x,
+            gradient=lambda x: (x @ x) * x + matrix @ x - p * force,
+            hessian=lambda x: 2 * np.outer(x, x) + (x @ x) * np.eye(3) + matrix,
+            constraints=lambda x: row @ x - 0.1,
+            jacobian=lambda x: row,
+            check=False,
+        )
+
+    def index(self, p, x):
+        a, b, _, row = self.parts()
+        free = np.linalg.svd(row)[2][1:]
+        hessian = 2 * np.outer(x, x) + (x @ x) * np.eye(3) + a - p * b
+        return int(np.sum(np.linalg.eigvalsh(free @ hessian @ free.T) < 0))

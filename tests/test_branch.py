@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from models import (
     BALLOON_PEAK,
     HYSTERESIS_FOLD,
     Column,
+    RandomFamily,
     Strip,
     Truss,
     balloon_pressure,
@@ -262,6 +264,15 @@ def test_any_cubic_turns_where_it_should(stretch, shift, height, on_fold):
     assert branch.table.parameter.iloc[-1] == 2 * critical
 
 
+def test_two_folds_close_together_are_not_stepped_over():
+    # p = x^3 - e x turns at x = -+ sqrt(e / 3), and back: unseen by a step across both.
+    for e in (1e-1, 1e-2, 1e-3, 1e-4):
+        branch = follow(lambda p, e=e: polynomial([-p, -e, 0.0, 1.0], -1.0), -1.0, 1.0)
+        assert kinds(branch) == ["fold", "fold"]
+        exact = 2 * (e / 3) ** 1.5
+        assert [event.parameter for event in branch.events] == pytest.approx([exact, -exact])
+
+
 def test_a_closed_branch_is_closed_and_both_folds_are_found():
     def family(p):  # x^2 + p^2 = 1
         return polynomial([p * p - 1, 0, 1], 1.0)
@@ -439,6 +450,43 @@ def test_neutral_motions_do_not_disturb_the_index():
     assert abs(last.state.x[0] - last.state.x[1]) == pytest.approx(1.0)
     assert np.sum(last.state.x) == pytest.approx(6.0)
     assert last.stable
+
+
+def test_the_critical_load_of_a_fine_chain_is_exact():
+    # The chain buckles at (4 / h^2) sin^2(pi h / 4), h = 1 / segments.
+    for n in (50, 2000):
+        exact = 4 * n**2 * np.sin(np.pi / (4 * n)) ** 2
+        branch = follow(lambda load, n=n: Column(load, segments=n), 1.0, 4.0, eigenvalues=False)
+        (event,) = branch.events
+        assert abs(event.parameter - exact) <= event.uncertainty < 1e-7
+        shape = np.sin(np.pi * np.arange(1, n + 1) / (2 * n))
+        assert event.mode == pytest.approx(event.mode[-1] * shape, abs=1e-6)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from(["turn", "snap", "stop"]))
+def test_random_structures_are_followed_faithfully(seed, on_fold):
+    family = RandomFamily(seed)
+    branch = follow(family, -1.0, 1.0, on_fold=on_fold, bounds=(-3, 3), eigenvalues=False)
+    assert branch.finished
+    assert_balanced(branch)
+    events = {event.row for event in branch.events} | {e.after_row for e in branch.events}
+    for i, row in enumerate(branch.table.itertuples()):
+        if i not in events:  # next to an event the sign is a matter of rounding
+            exact = family.index(row.parameter, branch.equilibria[i].state.x)
+            assert row.index == exact
+            assert row.stable == (exact == 0)
+    # Every change of the index has its event.
+    if on_fold == "turn":
+        steps = np.diff(branch.table["index"])
+        changes = sum(e.index_after - e.index_before for e in branch.events)
+        assert np.sum(steps) == changes
+    else:
+        assert np.all(branch.table["index"] == 0)
+    for event in branch.events:
+        if event.kind == "snap":
+            assert event.energy_released > -1e-12
+            assert event.after.stable
 
 
 # ---- several events in one step ---------------------------------------------------------------------
@@ -661,6 +709,18 @@ def test_a_family_that_breaks_off_names_the_place():
     with pytest.raises(BranchInterrupted, match=r"parameter 0\.49999") as caught:
         follow(family, 0.0, 1.0)
     assert caught.value.branch.table.parameter.max() == pytest.approx(0.5, abs=1e-6)
+
+
+def test_an_interruption_goes_through_a_process_boundary():
+    with pytest.raises(BranchInterrupted) as caught:
+        follow(lambda p: fold(p), 1.0, -1.0, max_steps=5)
+    copy = pickle.loads(pickle.dumps(caught.value))
+    assert str(copy) == str(caught.value)
+    assert copy.branch is None  # a function without a name does not travel
+    with pytest.raises(BranchInterrupted) as caught:
+        follow(_HeldChain, 0.0, 3.0, max_steps=5)
+    copy = pickle.loads(pickle.dumps(caught.value))
+    assert copy.branch.table.equals(caught.value.branch.table)
 
 
 def test_save_and_load(tmp_path):

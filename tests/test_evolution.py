@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from models import HYSTERESIS_FOLD, Strip, Truss, fold, hysteresis, pitchfork
+from models import HYSTERESIS_FOLD, RandomFamily, Strip, Truss, fold, hysteresis, pitchfork
 
 import lissome as ls
 from lissome.errors import DataError, InvalidInput
@@ -195,6 +195,23 @@ def test_the_order_of_the_march(corrections, order):
         errors.append(abs(unknown(history.equilibrium) - np.exp(-1)))
         assert len(history) == round(1 / step) + 1
     assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(order, abs=0.15)
+
+
+# ---- the same by continuation ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [2, 5, 7, 9, 20, 282])
+def test_a_driven_evolution_snaps_where_the_branch_does(seed):
+    family = RandomFamily(seed)
+    branch = ls.follow(family, -1.0, 1.0, on_fold="snap")
+    history = evolve(Driven(family), -1.0, branch.equilibria[0], 1.0, 0.05, time=-1.0)
+    snaps = [event for event in branch.events if event.kind == "snap"]
+    assert len(snaps) == len(history.events)
+    for one, other in zip(snaps, history.events, strict=True):
+        assert one.parameter == pytest.approx(other.time, abs=1e-7)
+        assert one.energy_released == pytest.approx(other.energy_released, rel=1e-3, abs=1e-6)
+        assert one.after.energy == pytest.approx(other.after.energy, abs=1e-5)
+    assert history.equilibrium.energy == pytest.approx(branch.equilibria[-1].energy, abs=1e-9)
 
 
 # ---- times ------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Sequence
 from typing import Any
 
@@ -62,3 +63,19 @@ def fits(equilibrium: Equilibrium) -> bool:
     found = relative_residual(structure, state, equilibrium.multipliers, here, here.kkt)
     noise = float(structure.noise(state))
     return found <= max(100 * equilibrium.residual, 1e3 * noise, 1e-9)
+
+
+def without_what_cannot_travel(reduced: tuple[Any, ...], *names: str) -> tuple[Any, ...]:
+    """Return how to pickle an exception, with None for attributes that cannot be pickled.
+
+    Results hold the user's functions, which may be local ones. A sweep must receive the exception
+    all the same.
+    """
+    rebuild, (kind, arguments, attributes) = reduced
+    kept = dict(attributes)
+    for name in (*names, "history", "state"):
+        try:
+            pickle.dumps(kept.get(name))
+        except Exception:  # whatever the user's objects raise
+            kept[name] = None
+    return rebuild, (kind, arguments, kept)

@@ -56,7 +56,7 @@ from ._corrector import (
     typical_size,
 )
 from ._descent import descend
-from ._stored import fits, pack_equilibria, unpack_equilibria
+from ._stored import fits, pack_equilibria, unpack_equilibria, without_what_cannot_travel
 from ._validate import finite, finite_array, integer_at_least, one_of, positive
 from .equilibrium import Equilibrium, equilibrate
 from .errors import (
@@ -102,6 +102,9 @@ class BranchInterrupted(NotConverged):
     ) -> None:
         super().__init__(message, history=history, state=state)
         self.branch = branch
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return without_what_cannot_travel(super().__reduce__(), "branch")
 
 
 @dataclass(frozen=True)
@@ -672,6 +675,7 @@ class _Follower:
         self.arclength = 0.0
         self.parameter = settings.start
         self.lowest: Array | None = None  # lowest modes of the last row, to start the next from
+        self.known: tuple[Balanced, float, bool] | None = None  # eigenvalue of an end of a step
         self.anchor: Balanced
         self.tangent: _Tangent
 
@@ -931,6 +935,7 @@ class _Follower:
         )
         crossings: list[_Crossing] = []
         if not end.balanced.marginal:
+            self._refuse_hidden_changes(end)
             crossings = self._classified(end, self._located(start, end, end), turned)
         if turned and not crossings:
             crossings = [_Crossing(start, end, fold=True)]
@@ -985,9 +990,8 @@ class _Follower:
                 if deviation > _LARGEST_DEVIATION:
                     raise CorrectionFailed(f"the branch bends by {deviation:.2g} of the step")
                 tangent = self._next_tangent(point, deviation)
-                hidden = tangent.dp * t.dp < 0 and point.index == self.anchor.index
-                if hidden and ds > 1e-5:
-                    raise CorrectionFailed("the parameter turns without a change of the index")
+                if ds > 1e-5:
+                    self._refuse_hidden_turns(point, tangent)
             except (CorrectionFailed, FactorizationError) as error:
                 reason = str(error)
                 self.ds = ds * _SHORTER
@@ -997,6 +1001,42 @@ class _Follower:
         growth = min(growth, math.sqrt(_WANTED_DEVIATION / max(deviation, 1e-12)) + 0.3)
         self.ds = ds * max(0.4, growth) if ds >= 0.999 * self.ds or growth < 1 else self.ds
         return point, tangent
+
+    def _refuse_hidden_turns(self, point: _Point, tangent: _Tangent) -> None:
+        """Raise if the parameter seems to turn, and turn back, within a step."""
+        if tangent.dp * self.tangent.dp < 0:
+            if point.index == self.anchor.index:
+                raise CorrectionFailed("the parameter turns without a change of the index")
+            return
+        if point.dp * self.tangent.dp <= 0:
+            raise CorrectionFailed("the parameter turns twice")
+        # Slope of the cubic that fits values and slopes at both ends, over the mean slope.
+        length = self._norm(self._metric(self.anchor), point.dx, point.dp)
+        a, b = self.tangent.dp * length / point.dp, tangent.dp * length / point.dp
+        bend = 3.0 * (a + b - 2.0)
+        place = (2.0 * a + b - 3.0) / bend if bend > 0 else 0.0
+        if 0.0 < place < 1.0 and a - bend * place**2 < -1e-3:
+            raise CorrectionFailed("the parameter seems to turn twice")
+
+    def _refuse_hidden_changes(self, end: _Point) -> None:
+        """Raise if stability is lost and regained within a step, when there is reason to look.
+
+        There is when an eigenvalue at either end is smaller than its changes from step to step.
+        """
+        if not self.settings.eigenvalues or end.index != self.anchor.index:
+            return
+        values = [row.smallest_eigenvalue for row in self.rows[-2:]]
+        if end.index > 0 or len(values) < 2 or not np.all(np.isfinite(values)):
+            return
+        self.known = (
+            end.balanced,
+            *self._smallest(end.balanced, as_equilibrium(end.balanced, factors=True)),
+        )
+        values.append(self.known[1])
+        if min(values[1:]) < max(abs(np.diff(values))):
+            middle = self._on_step(end, 0.5 * end.sigma)
+            if middle.index != end.index and not middle.balanced.marginal:
+                raise _TooLong("stability is lost and regained within one step")
 
     def _next_tangent(self, point: _Point, deviation: float) -> _Tangent:
         metric = self._metric(self.anchor)
@@ -1321,7 +1361,10 @@ class _Follower:
         full = as_equilibrium(balanced, factors=True)
         value, marginal = math.nan, balanced.marginal
         if self.settings.eigenvalues and not marginal:
-            value, marginal = self._smallest(balanced, full)
+            if self.known is not None and self.known[0] is balanced:
+                _, value, marginal = self.known
+            else:
+                value, marginal = self._smallest(balanced, full)
         outputs: dict[str, float] = {}
         for name, function in self.outputs.items():
             result = np.asarray(function(full))

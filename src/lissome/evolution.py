@@ -38,7 +38,7 @@ from ._corrector import (
     typical_size,
 )
 from ._descent import descend, distance
-from ._stored import pack_equilibria, unpack_equilibria
+from ._stored import pack_equilibria, unpack_equilibria, without_what_cannot_travel
 from ._validate import finite, finite_array, integer_at_least, positive
 from .equilibrium import Equilibrium
 from .errors import DataError, FactorizationError, InvalidInput, NotConverged
@@ -151,6 +151,9 @@ class EvolutionInterrupted(NotConverged):
     state : object or None
         The last state.
     """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return without_what_cannot_travel(super().__reduce__(), "history")
 
 
 @dataclass(frozen=True)
