@@ -205,7 +205,7 @@ def _settle(tab) -> None:
         figure.scroll_into_view_if_needed()
         tab.wait_for_timeout(600)
     tab.evaluate("() => window.scrollTo(0, 0)")
-    tab.wait_for_timeout(150)
+    tab.wait_for_timeout(350)  # side bars slide into place
 
 
 def _check_figures(tab, page: Page) -> None:
