@@ -216,12 +216,44 @@ correct, descend = make_solvers(evaluate)
 
 
 @jit
-def illuminate(lamp, chain, pose, natural, nodes, springs):
+def _mean_flux(a, b, nodes, j, change):
+    """Mean of the positive part of a cos + b sin between the angles j and j + 1, ``change`` apart.
+
+    The angle is taken as linear in between, so that the terminator crosses a spring without a jump;
+    (a, b) is a unit vector.
+    """
+    here = a * nodes[COSINE, j] + b * nodes[SINE, j]
+    there = a * nodes[COSINE, j + 1] + b * nodes[SINE, j + 1]
+    if here > 0.0 and there > 0.0:
+        # (sin x2 - sin x1) / (x2 - x1) = mean of the cosines times tan(d) / d
+        d = 0.5 * change
+        if abs(d) < 0.1:
+            q = d * d
+            ratio = 1.0 + q * (
+                1.0 / 3.0
+                + q
+                * (2.0 / 15.0 + q * (17.0 / 315.0 + q * (62.0 / 2835.0 + q * 1382.0 / 155925.0)))
+            )
+        else:
+            ratio = math.tan(d) / d
+        return 0.5 * (here + there) * ratio
+    if here <= 0.0 and there <= 0.0:
+        return 0.0
+    # The integral of a cos + b sin is +-1 at the terminator.
+    edge = 1.0 if change > 0.0 else -1.0
+    if here > 0.0:
+        return (edge - (a * nodes[SINE, j] - b * nodes[COSINE, j])) / change
+    return (a * nodes[SINE, j + 1] - b * nodes[COSINE, j + 1] + edge) / change
+
+
+@jit
+def illuminate(lamp, chain, angles, pose, natural, nodes, springs):
     r"""Write the curvature that each spring relaxes to: :math:`K_r + \Lambda f`.
 
     The flux on a face is the positive part of the cosine between its normal and the direction of
-    the source (3.11).  ``pose`` holds cosine and sine of the rigid rotation and the translation
-    that take the chain to the laboratory; the result goes to ``springs[TARGET_NEXT]``.
+    the source (3.11), averaged over the spring.  ``pose`` holds cosine and sine of the rigid rotation
+    and the translation that take the chain to the laboratory; the result goes to
+    ``springs[TARGET_NEXT]``.
     """
     size = nodes.shape[1]
     turn_c = pose[COS]
@@ -229,33 +261,23 @@ def illuminate(lamp, chain, pose, natural, nodes, springs):
     # face * (toward . normal) as a combination of the cosine and sine of the angle in the chain.
     a = lamp.face * (lamp.toward_y * turn_c - lamp.toward_x * turn_s)
     b = -lamp.face * (lamp.toward_x * turn_c + lamp.toward_y * turn_s)
-    gain = lamp.gain
-    if lamp.width == 0.0:
-        for j in range(size - 1):
-            u = nodes[COSINE, j] + nodes[COSINE, j + 1]
-            v = nodes[SINE, j] + nodes[SINE, j + 1]
-            # (u, v) / |(u, v)| is the direction at the mean of the two angles.
-            flux = (a * u + b * v) / math.sqrt(u * u + v * v)
-            springs[TARGET_NEXT, j] = natural[j] + gain * max(flux, 0.0)
-    else:
-        h = chain.spacing
-        px = chain.weight_start * nodes[COSINE, 0]
-        py = chain.weight_start * nodes[SINE, 0]
-        scale = -0.5 / (lamp.width * lamp.width)
-        for j in range(size - 1):
+    h = chain.spacing
+    px = chain.weight_start * nodes[COSINE, 0]
+    py = chain.weight_start * nodes[SINE, 0]
+    scale = -0.5 / (lamp.width * lamp.width) if lamp.width > 0.0 else 0.0
+    for j in range(size - 1):
+        flux = _mean_flux(a, b, nodes, j, angles[j + 1] - angles[j])
+        if scale < 0.0:
             if j > 0:
                 px += h * nodes[COSINE, j]
                 py += h * nodes[SINE, j]
-            lab_x = turn_c * px - turn_s * py + pose[SHIFT_X]
-            lab_y = turn_s * px + turn_c * py + pose[SHIFT_Y]
-            # Distance from the axis of the beam.
-            r = (lab_x - lamp.center) * lamp.toward_y - lab_y * lamp.toward_x
-            u = nodes[COSINE, j] + nodes[COSINE, j + 1]
-            v = nodes[SINE, j] + nodes[SINE, j + 1]
-            flux = (a * u + b * v) / math.sqrt(u * u + v * v)
-            springs[TARGET_NEXT, j] = natural[j]
             if flux > 0.0:
-                springs[TARGET_NEXT, j] += gain * flux * math.exp(scale * r * r)
+                lab_x = turn_c * px - turn_s * py + pose[SHIFT_X]
+                lab_y = turn_s * px + turn_c * py + pose[SHIFT_Y]
+                # Distance from the axis of the beam.
+                r = (lab_x - lamp.center) * lamp.toward_y - lab_y * lamp.toward_x
+                flux *= math.exp(scale * r * r)
+        springs[TARGET_NEXT, j] = natural[j] + lamp.gain * flux
 
 
 @jit
@@ -556,7 +578,7 @@ def look_at_lamp(clock, free, natural, chain, lamp, angles, space):
     """Find contact and pose (of a ring; ``free`` to roll or held) and what the light asks for."""
     if chain.ring:
         roll(clock, free, chain, angles, space.nodes)
-    illuminate(lamp, chain, clock, natural, space.nodes, space.springs)
+    illuminate(lamp, chain, angles, clock, natural, space.nodes, space.springs)
 
 
 @jit

@@ -684,14 +684,28 @@ class History:
             strict=True,
         ):
             clock[place] = value
-        x, y, theta = structure_points(self.structure, self.angles[row], clock)
-        face = self.structure.face(self.light.side)
-        if isinstance(self.light, UserLight):
-            s = self.structure.spring_positions
-            flux = self.light.flux(x, y, theta, s, float(self.times[row]))
-        else:
-            flux = self.light.flux(x, y, theta, face)
-        return self.structure.at_rest + self.structure.response * face * flux
+        structure, light = self.structure, self.light
+        face = structure.face(light.side)
+        gain = structure.response * face
+        angles = np.array(self.angles[row])
+        if isinstance(light, UserLight):
+            x, y, theta = structure_points(structure, angles, clock)
+            time = float(self.times[row])
+            flux = light.flux(x, y, theta, structure.spring_positions, time)
+            return structure.at_rest + gain * flux
+        space = _kernel.space_for(structure.chain, angles.size)
+        space.nodes[_kernel.SINE] = np.sin(angles)
+        space.nodes[_kernel.COSINE] = np.cos(angles)
+        _kernel.illuminate(
+            _kernel.Lamp(*light._lamp(gain, face)),
+            structure.chain,
+            angles,
+            clock,
+            np.array(structure.at_rest),
+            space.nodes,
+            space.springs,
+        )
+        return space.springs[_kernel.TARGET_NEXT].copy()
 
     # -- cycles -------------------------------------------------------------------------------
     def find_period(self, tolerance: float = 1e-3) -> Period | None:
