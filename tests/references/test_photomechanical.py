@@ -226,7 +226,8 @@ def test_rest_ends_where_the_steady_state_does():
     assert abs(limit.eigenvalue) < 1e-6
     assert limit.rates[0].real < 0
     below = photomechanical.strip_history(5.5, QUARTER, 0.95, until=60.0, modes=24)
-    assert below.steady and not below.snaps
+    assert below.steady
+    assert not below.snaps
     strip = photomechanical._strip(5.5, QUARTER, 0.95, 24, None)
     a = below.shapes[-1]
     assert np.allclose(below.curvatures[-1], 5.5 * strip.lit(a), atol=1e-8)

@@ -1,5 +1,7 @@
 """Rolling ring: closed forms against sums and quadrature, collocation against the linear limit."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
@@ -101,7 +103,7 @@ def test_linear_natural_curvature_solves_its_equation(side, speed):
         ends = [0.0, *sorted((k - phase) / turn for k in inside), 1.0] if inside else [0.0, 1.0]
         nodes, weights = np.polynomial.legendre.leggauss(24)
         received = 0.0
-        for a, b in zip(ends[:-1], ends[1:], strict=True):
+        for a, b in pairwise(ends):
             u = a + (b - a) * (nodes + 1) / 2
             light = np.maximum(0.0, np.cos(phase + turn * u))
             received += (b - a) / 2 * weights @ (np.exp(-u) * light)
@@ -191,8 +193,8 @@ def test_bad_input():
         rolling.rolling_wave(0.0, 0.3)
     with pytest.raises(InvalidInput, match="side"):
         rolling.rolling_wave(-1.0, 0.3, side="left")
+    wave = rolling.rolling_wave(-0.1, 0.3, nodes=20)
     with pytest.raises(InvalidInput, match="start"):
-        wave = rolling.rolling_wave(-0.1, 0.3, nodes=20)
         rolling.rolling_wave(-0.1, 0.3, nodes=24, start=wave)
     with pytest.raises(InvalidInput, match="infinite"):
         rolling.linear_speed(rolling.breakdown_angle())

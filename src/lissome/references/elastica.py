@@ -171,7 +171,7 @@ def lowest_eigenvalues(span: float, *, rtol: float = 1e-11) -> tuple[float, floa
     Returns
     -------
     (even, odd) : tuple of float
-        As the span tends to 1: :math:`q^2 - 4\pi^2 = 41.2846` with :math:`\tan(q/2) = q/2`, and
+        As the span tends to 1: :math:`q^2 - 4\pi^2 = 41.2845` with :math:`\tan(q/2) = q/2`, and
         :math:`12\pi^2`.
 
     Examples
