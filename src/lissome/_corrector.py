@@ -98,7 +98,8 @@ class Balanced:
 
 def typical_size(structure: Any, state: Any) -> Array:
     """Return the typical size of each unknown."""
-    return np.broadcast_to(np.asarray(structure.typical(state), dtype=float), (structure.size,))
+    size = np.asarray(structure.typical(state), dtype=float)
+    return size if size.ndim else np.full(structure.size, float(size))
 
 
 def gauge_of(structure: Any, state: Any) -> Array | None:
@@ -108,13 +109,14 @@ def gauge_of(structure: Any, state: Any) -> Array | None:
 
 
 def relative_residual(
-    structure: Any, state: Any, multipliers: Array, evaluation: Evaluation, kkt: KKTMatrix
+    size: Array, multipliers: Array, evaluation: Evaluation, kkt: KKTMatrix
 ) -> float:
     """Return the largest unbalanced force or constraint relative to the terms summed in it.
 
-    The sizes of the terms come from the matrix `kkt`, which may be that of a neighboring state.
+    The sizes of the terms come from the typical sizes of the unknowns and from the matrix `kkt`, which
+    may be that of a neighboring state.
     """
-    terms = kkt.magnitude(typical_size(structure, state), multipliers)
+    terms = kkt.magnitude(size, multipliers)
     worst = 0.0
     for values, sizes in zip((evaluation.gradient, evaluation.constraints), terms, strict=True):
         assert values is not None
@@ -267,7 +269,7 @@ def _iterate(
     previous = np.inf
     for number in range(max_iterations + 1):
         evaluation, factors = _evaluate(structure, state, multipliers)
-        residual = relative_residual(structure, state, multipliers, evaluation, evaluation.kkt)
+        residual = relative_residual(size, multipliers, evaluation, evaluation.kkt)
         contracts = True
         if factors.inertia[2]:
             if residual > noise:
@@ -361,7 +363,7 @@ def _with_last_correction(
     evaluation = structure.evaluate(state, multipliers, 1)
     if not np.isfinite(evaluation.energy):
         return None
-    left = relative_residual(structure, state, multipliers, evaluation, kkt)
+    left = relative_residual(typical_size(structure, state), multipliers, evaluation, kkt)
     if not left < residual:
         return None
     return structure, state, multipliers, parameter, evaluation.energy, left

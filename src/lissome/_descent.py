@@ -71,7 +71,7 @@ def descend(
     for mode in modes:
         unit = mode / float(np.max(np.abs(mode) / size))
         for sign in signs:
-            for push in _pushes(lambda length, u=sign * unit: lagrangian(length * u)):
+            for push in _pushes(lagrangian, sign * unit):
                 dx = sign * push * unit
                 if structure.max_step(state, dx) < 1.0:
                     reasons.append("a push leaves the domain of the energy")
@@ -97,12 +97,12 @@ def descend(
     )
 
 
-def _pushes(energy: Callable[[float], float]) -> list[float]:
+def _pushes(energy: Callable[[Array], float], unit: Array) -> list[float]:
     """Return lengths to try: first the one that leads farthest down, then shorter and longer ones."""
-    best, lowest = _LEAST, energy(_LEAST)
+    best, lowest = _LEAST, energy(_LEAST * unit)
     length = 2 * _LEAST
     while length <= _MOST:
-        value = energy(length)
+        value = energy(length * unit)
         if not value < lowest:
             break
         best, lowest, length = length, value, 2 * length
