@@ -105,6 +105,92 @@ def apply_chain(band, border, corner, nb, x, out):
 
 
 @jit
+def _coupling(border, corner, j, s, top, reach):
+    """Return the largest entry that a delayed column shares with what is left after column j."""
+    big = 0.0
+    for k in range(1, reach + 1):
+        big = max(big, abs(border[j + k, s]))
+    for r in range(top):
+        if r < s:
+            big = max(big, abs(corner[s, r]))
+        elif r > s:
+            big = max(big, abs(corner[r, s]))
+    return big
+
+
+@jit
+def _eliminate(band, border, corner, weight, i, j, s, top, reach, pii, pij, pjj, pair):
+    """Eliminate the delayed column i of slot s, alone or with column j; j is the last that is gone.
+
+    The pivot's inverse is [[pii, pij], [pij, pjj]]. Column i moves from its slot back to its place
+    in the band.
+    """
+    w = band.shape[1] - 1
+    for k in range(1, w + 1):
+        band[i, k] = 0.0
+    for k in range(1, reach + 1):
+        band[i, k] = border[j + k, s]
+        border[j + k, s] = 0.0
+    for r in range(top):
+        if r < s:
+            border[i, r] = corner[s, r]
+            corner[s, r] = 0.0
+        elif r > s:
+            border[i, r] = corner[r, s]
+            corner[r, s] = 0.0
+    border[i, s] = 0.0
+    corner[s, s] = 0.0
+    if pair:
+        border[j, s] = 0.0
+    for k in range(1, reach + 1 + top):
+        # Rows of the window first, then those of the border.
+        inside = k <= reach
+        r = k - reach - 1
+        u = band[i, k] if inside else border[i, r]
+        v = 0.0
+        if pair:
+            v = band[j, k] if inside else border[j, r]
+        fi = pii * u + pij * v
+        fj = pij * u + pjj * v
+        if fi == 0.0 and fj == 0.0:
+            continue
+        if inside:
+            for q in range(reach - k + 1):
+                band[j + k, q] -= fi * band[i, k + q]
+            for t in range(top):
+                border[j + k, t] -= fi * border[i, t]
+            if pair:
+                for q in range(reach - k + 1):
+                    band[j + k, q] -= fj * band[j, k + q]
+                for t in range(top):
+                    border[j + k, t] -= fj * border[j, t]
+        else:
+            for t in range(r + 1):
+                corner[r, t] -= fi * border[i, t]
+            weight[r] += abs(fi * border[i, r])
+            if pair:
+                for t in range(r + 1):
+                    corner[r, t] -= fj * border[j, t]
+                weight[r] += abs(fj * border[j, r])
+    for k in range(1, reach + 1 + top):
+        inside = k <= reach
+        r = k - reach - 1
+        u = band[i, k] if inside else border[i, r]
+        v = 0.0
+        if pair:
+            v = band[j, k] if inside else border[j, r]
+        if inside:
+            band[i, k] = pii * u + pij * v
+        else:
+            border[i, r] = pii * u + pij * v
+        if pair:
+            if inside:
+                band[j, k] = pij * u + pjj * v
+            else:
+                border[j, r] = pij * u + pjj * v
+
+
+@jit
 def factorize_chain(
     band, border, corner, nb, slots, threshold, floor, pivots, events, links, inverse, occupant
 ):
@@ -204,102 +290,90 @@ def factorize_chain(
                 negative += 1
             smallest = min(smallest, abs(a))
             largest = max(largest, abs(a))
-        elif used > 0:
-            # The best partner among the delayed columns.
+        # Delayed columns: one may go with column j, or column j joins them; then any that has become
+        # a good pivot goes.
+        while True:
             best = -1
-            quality = 0.0
-            for s in range(nb, top):
-                if occupant[s - nb] < 0:
+            if not done:
+                quality = 0.0
+                for s in range(nb, top):
+                    if occupant[s - nb] < 0:
+                        continue
+                    b = border[j, s]
+                    c = corner[s, s]
+                    det = a * c - b * b
+                    if abs(det) <= floor * max(abs(b), abs(a), abs(c)):
+                        continue
+                    big_s = _coupling(border, corner, j, s, top, reach)
+                    big_j = 0.0
+                    for k in range(1, reach + 1):
+                        big_j = max(big_j, abs(band[j, k]))
+                    for r in range(top):
+                        if r != s:
+                            big_j = max(big_j, abs(border[j, r]))
+                    size = max(abs(a) * big_s + abs(b) * big_j, abs(b) * big_s + abs(c) * big_j)
+                    value = abs(det) / max(size, 1e-300)
+                    if value >= threshold and value > quality:
+                        quality = value
+                        best = s
+                if best < 0:
+                    for t in range(slots):
+                        if occupant[t] < 0:
+                            best = nb + t
+                            break
+                    if best < 0:
+                        return 1, count, positive, negative, zero, smallest, largest, growth
+                    s = best
+                    occupant[s - nb] = j
+                    used += 1
+                    top = max(top, s + 1)
+                    corner[s, s] = a
+                    weight[s] = max(1.0, abs(a))  # rows of the scaled matrix are of size 1
+                    for r in range(top):
+                        if r < s:
+                            corner[s, r] = border[j, r]
+                        elif r > s:
+                            corner[r, s] = border[j, r]
+                        border[j, r] = 0.0
+                    for k in range(1, reach + 1):
+                        border[j + k, s] = band[j, k]
+                    events[count, 0] = _DELAY
+                    events[count, 1] = j
+                    events[count, 2] = s
+                    count += 1
+                    done = True
                     continue
+            elif used > 0:
+                for s in range(nb, top):
+                    i = occupant[s - nb]
+                    if i < 0 or i == j or abs(corner[s, s]) <= floor:
+                        continue
+                    big = _coupling(border, corner, j, s, top, reach)
+                    if abs(corner[s, s]) >= threshold * big:
+                        growth = max(growth, big, abs(corner[s, s]))
+                        best = s
+                        break
+            if best < 0:
+                break
+            pair = not done
+            done = True
+            s = best
+            i = occupant[s - nb]
+            c = corner[s, s]
+            pii = 0.0
+            pij = 0.0
+            pjj = 0.0
+            if pair:  # the inverse of the pivot [[c, b], [b, a]] of columns (i, j)
                 b = border[j, s]
-                c = corner[s, s]
                 det = a * c - b * b
-                if abs(det) <= floor * max(abs(b), abs(a), abs(c)):
-                    continue
-                big_s = 0.0
-                for k in range(1, reach + 1):
-                    big_s = max(big_s, abs(border[j + k, s]))
-                for r in range(top):
-                    if r < s:
-                        big_s = max(big_s, abs(corner[s, r]))
-                    elif r > s:
-                        big_s = max(big_s, abs(corner[r, s]))
-                big_j = 0.0
-                for k in range(1, reach + 1):
-                    big_j = max(big_j, abs(band[j, k]))
-                for r in range(top):
-                    if r != s:
-                        big_j = max(big_j, abs(border[j, r]))
-                size = max(abs(a) * big_s + abs(b) * big_j, abs(b) * big_s + abs(c) * big_j)
-                value = abs(det) / max(size, 1e-300)
-                if value >= threshold and value > quality:
-                    quality = value
-                    best = s
-            if best >= 0:
-                done = True
-                s = best
-                i = occupant[s - nb]
-                b = border[j, s]
-                c = corner[s, s]
-                det = a * c - b * b
-                # Inverse of the pivot [[c, b], [b, a]] of columns (i, j).
                 pii = a / det
                 pij = -b / det
                 pjj = c / det
-                # The delayed column moves from its slot back to its place in the band.
-                for k in range(1, w + 1):
-                    band[i, k] = 0.0
-                for k in range(1, reach + 1):
-                    band[i, k] = border[j + k, s]
-                    border[j + k, s] = 0.0
-                for r in range(top):
-                    if r < s:
-                        border[i, r] = corner[s, r]
-                        corner[s, r] = 0.0
-                    elif r > s:
-                        border[i, r] = corner[r, s]
-                        corner[r, s] = 0.0
-                border[i, s] = 0.0
-                corner[s, s] = 0.0
-                border[j, s] = 0.0
-                for k in range(1, reach + 1):
-                    fi = pii * band[i, k] + pij * band[j, k]
-                    fj = pij * band[i, k] + pjj * band[j, k]
-                    if fi != 0.0 or fj != 0.0:
-                        for q in range(reach - k + 1):
-                            band[j + k, q] -= fi * band[i, k + q] + fj * band[j, k + q]
-                        for r in range(top):
-                            border[j + k, r] -= fi * border[i, r] + fj * border[j, r]
-                for r in range(top):
-                    fi = pii * border[i, r] + pij * border[j, r]
-                    fj = pij * border[i, r] + pjj * border[j, r]
-                    if fi != 0.0 or fj != 0.0:
-                        for t in range(r + 1):
-                            corner[r, t] -= fi * border[i, t] + fj * border[j, t]
-                        weight[r] += abs(fi * border[i, r]) + abs(fj * border[j, r])
-                for k in range(1, reach + 1):
-                    u = band[i, k]
-                    v = band[j, k]
-                    band[i, k] = pii * u + pij * v
-                    band[j, k] = pij * u + pjj * v
-                for r in range(top):
-                    u = border[i, r]
-                    v = border[j, r]
-                    border[i, r] = pii * u + pij * v
-                    border[j, r] = pij * u + pjj * v
-                pivots[i, 0] = pii
-                pivots[i, 1] = pij
-                pivots[i, 2] = pjj
-                links[i, 0] = j
                 links[i, 1] = j
                 links[j, 0] = j
                 links[j, 1] = i
                 events[count, 0] = _PAIR
                 events[count, 1] = j
-                events[count, 2] = s
-                count += 1
-                occupant[s - nb] = -1
-                used -= 1
                 middle = 0.5 * (a + c)
                 radius = math.sqrt(0.25 * (a - c) ** 2 + b * b)
                 outer = max(abs(middle + radius), abs(middle - radius))
@@ -312,102 +386,29 @@ def factorize_chain(
                     positive += 2
                 else:
                     negative += 2
-        if not done:
-            s = -1
-            for t in range(slots):
-                if occupant[t] < 0:
-                    s = nb + t
-                    break
-            if s < 0:
-                return 1, count, positive, negative, zero, smallest, largest, growth
-            occupant[s - nb] = j
-            used += 1
-            top = max(top, s + 1)
-            corner[s, s] = a
-            weight[s] = max(1.0, abs(a))  # rows of the scaled matrix are of size 1
-            for r in range(top):
-                if r < s:
-                    corner[s, r] = border[j, r]
-                elif r > s:
-                    corner[r, s] = border[j, r]
-                border[j, r] = 0.0
-            for k in range(1, reach + 1):
-                border[j + k, s] = band[j, k]
-            events[count, 0] = _DELAY
-            events[count, 1] = j
+            else:
+                pii = 1.0 / c
+                links[i, 1] = -1
+                events[count, 0] = _SLOT
+                events[count, 1] = i
+                smallest = min(smallest, abs(c))
+                largest = max(largest, abs(c))
+                if c > 0.0:
+                    positive += 1
+                else:
+                    negative += 1
+            _eliminate(band, border, corner, weight, i, j, s, top, reach, pii, pij, pjj, pair)
+            pivots[i, 0] = pii
+            pivots[i, 1] = pij
+            pivots[i, 2] = pjj
+            links[i, 0] = j
             events[count, 2] = s
             count += 1
-        # Delayed columns that have become good pivots.
-        if used > 0:
-            again = True
-            while again:
-                again = False
-                for s in range(nb, top):
-                    i = occupant[s - nb]
-                    if i < 0 or i == j:
-                        continue
-                    c = corner[s, s]
-                    if abs(c) <= floor:
-                        continue
-                    big = 0.0
-                    for k in range(1, reach + 1):
-                        big = max(big, abs(border[j + k, s]))
-                    for r in range(top):
-                        if r < s:
-                            big = max(big, abs(corner[s, r]))
-                        elif r > s:
-                            big = max(big, abs(corner[r, s]))
-                    if abs(c) < threshold * big:
-                        continue
-                    growth = max(growth, big, abs(c))
-                    d = 1.0 / c
-                    for k in range(1, w + 1):
-                        band[i, k] = 0.0
-                    for k in range(1, reach + 1):
-                        band[i, k] = border[j + k, s]
-                        border[j + k, s] = 0.0
-                    for r in range(top):
-                        if r < s:
-                            border[i, r] = corner[s, r]
-                            corner[s, r] = 0.0
-                        elif r > s:
-                            border[i, r] = corner[r, s]
-                            corner[r, s] = 0.0
-                    border[i, s] = 0.0
-                    corner[s, s] = 0.0
-                    for k in range(1, reach + 1):
-                        factor = band[i, k] * d
-                        if factor != 0.0:
-                            for q in range(reach - k + 1):
-                                band[j + k, q] -= factor * band[i, k + q]
-                            for r in range(top):
-                                border[j + k, r] -= factor * border[i, r]
-                    for r in range(top):
-                        factor = border[i, r] * d
-                        if factor != 0.0:
-                            for t in range(r + 1):
-                                corner[r, t] -= factor * border[i, t]
-                            weight[r] += abs(factor * border[i, r])
-                    for k in range(1, reach + 1):
-                        band[i, k] *= d
-                    for r in range(top):
-                        border[i, r] *= d
-                    pivots[i, 0] = d
-                    links[i, 0] = j
-                    links[i, 1] = -1
-                    events[count, 0] = _SLOT
-                    events[count, 1] = i
-                    events[count, 2] = s
-                    count += 1
-                    occupant[s - nb] = -1
-                    used -= 1
-                    if c > 0.0:
-                        positive += 1
-                    else:
-                        negative += 1
-                    smallest = min(smallest, abs(c))
-                    largest = max(largest, abs(c))
-                    again = used > 0
+            occupant[s - nb] = -1
+            used -= 1
+        if used == 0:
+            top = nb
+        else:
             while top > nb and occupant[top - 1 - nb] < 0:
                 top -= 1
     # What is left is small and dense: border rows and columns still delayed.
