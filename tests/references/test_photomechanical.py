@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_bvp
+from scipy.integrate import quad, solve_bvp, solve_ivp
 
 from lissome.errors import InvalidInput
 from lissome.references import elastica, photomechanical
@@ -103,6 +103,21 @@ def test_early_history_is_the_light_of_the_start():
     strip = photomechanical._strip(10.0, QUARTER, 0.95, 32, None)
     a = photomechanical._buckled(strip, True)
     assert np.allclose(history.curvatures[-1], time * 10.0 * strip.lit(a), atol=50 * time**2)
+
+
+def test_integration_along_the_path_is_integration_in_time():
+    """The natural curvature as an ordinary differential equation with an inner Newton solve."""
+    strip = photomechanical._strip(10.0, QUARTER, 0.95, 24, None)
+    shape = [photomechanical._buckled(strip, True)]
+
+    def right(_, k):
+        shape[0], _ = strip.equilibrium(shape[0], k)
+        return strip.rate(shape[0], k)
+
+    run = solve_ivp(right, (0, 1.0), np.zeros(24), "RK45", rtol=1e-7, atol=1e-9)
+    history = photomechanical.strip_history(10.0, QUARTER, 0.95, until=1.0, modes=24)
+    assert np.allclose(run.y[:, -1], history.curvatures[-1], atol=1e-5)
+    assert np.allclose(shape[0], history.shapes[-1], atol=1e-4)
 
 
 # -- the cycle -------------------------------------------------------------------------------------
