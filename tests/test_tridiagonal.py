@@ -1,4 +1,4 @@
-"""The compiled bordered factorization against dense linear algebra."""
+"""The compiled bordered factorization and Newton's method on it, against dense linear algebra."""
 
 from __future__ import annotations
 
@@ -6,9 +6,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import eigh, null_space
 
 from lissome import _tridiagonal as td
 from lissome._compile import jit
+
+
+def filled(diagonal, off, rows):
+    n, m = diagonal.size, rows.shape[0]
+    work = td.chain_work(n, m)
+    work.band[td.DIAGONAL] = diagonal
+    work.band[td.OFF_DIAGONAL, : n - 1] = off
+    work.rows[:] = rows
+    return work
 
 
 def dense(diagonal, off, rows):
@@ -20,21 +30,19 @@ def dense(diagonal, off, rows):
     return matrix
 
 
-def random_problem(seed, n, m, *, definite=False, spread=1.0):
+def random_problem(seed, n, m):
     rng = np.random.default_rng(seed)
-    diagonal = rng.normal(size=n) * np.exp(spread * rng.normal(size=n))
-    off = rng.normal(size=n - 1)
-    if definite:
-        diagonal = 4.0 + rng.random(n)
-    return diagonal, off, rng.normal(size=(m, n)), rng
+    diagonal = rng.normal(size=n) * np.exp(rng.normal(size=n))
+    return diagonal, rng.normal(size=n - 1), rng.normal(size=(m, n)), rng
 
 
-def solve(diagonal, off, rows, right, right_border):
-    factor = td.factorize_bordered(diagonal, off, rows)
-    x, y = right.copy(), right_border.copy()
-    td.solve_bordered(factor, rows, x, y)
-    td.refine_bordered(factor, diagonal, off, rows, right, right_border, x, y)
-    return factor, x, y
+def solved(work, raised, right):
+    """Solve with one step of refinement by the dense matrix at hand."""
+    n, m = work.columns.shape[0], work.rows.shape[0]
+    work.columns[:, m + 1] = right[:n]
+    work.dense[m + 1, :m] = right[n:]
+    td.solve(work, raised)
+    return np.concatenate([work.columns[:, m + 1], work.dense[m + 1, :m]])
 
 
 @pytest.mark.parametrize("m", [0, 1, 2, 3, 6])
@@ -48,15 +56,17 @@ def test_inertia_and_solution_match_dense(n, m, seed):
     matrix = dense(diagonal, off, rows)
     eigenvalues = np.linalg.eigvalsh(matrix)
     condition = np.abs(eigenvalues).max() / np.abs(eigenvalues).min()
-    right, right_border = rng.normal(size=(n, 2)), rng.normal(size=(m, 2))
-    factor, x, y = solve(diagonal, off, rows, right, right_border)
+    work = filled(diagonal, off, rows)
+    raised, positive, negative, zero, _ = td.factorize(work)
     if condition < 1e10:
-        assert factor.positive == np.sum(eigenvalues > 0)
-        assert factor.negative == np.sum(eigenvalues < 0)
-        assert factor.zero == 0
-    residual = matrix @ np.vstack([x, y]) - np.vstack([right, right_border])
-    scale = np.abs(matrix).sum(axis=1).max() * np.abs(np.vstack([x, y])).max()
-    assert np.abs(residual).max() <= 1e-13 * (n + m) * scale  # normwise backward error
+        assert positive == np.sum(eigenvalues > 0)
+        assert negative == np.sum(eigenvalues < 0)
+        assert zero == 0
+    right = rng.normal(size=n + m)
+    x = solved(work, raised, right)
+    x += solved(work, raised, right - matrix @ x)  # as a second Newton step does
+    scale = np.abs(matrix).sum(axis=1).max() * np.abs(x).max()
+    assert np.abs(matrix @ x - right).max() <= 1e-13 * (n + m) * scale
 
 
 def test_singular_chain_held_by_its_border():
@@ -65,43 +75,42 @@ def test_singular_chain_held_by_its_border():
     n = 50
     diagonal = np.full(n, 2.0)
     diagonal[[0, -1]] = 1.0
-    off = np.full(n - 1, -1.0)
-    rows = np.full((1, n), 1.0 / n)
-    rng = np.random.default_rng(0)
-    right, right_border = rng.normal(size=(n, 1)), rng.normal(size=(1, 1))
-    factor, x, y = solve(diagonal, off, rows, right, right_border)
-    assert (factor.positive, factor.negative, factor.zero) == (n, 1, 0)
-    assert factor.raised > 0
-    expected = np.linalg.solve(dense(diagonal, off, rows), np.vstack([right, right_border]))
-    np.testing.assert_allclose(
-        np.vstack([x, y]), expected, rtol=0, atol=1e-11 * np.abs(expected).max()
-    )
+    off, rows = np.full(n - 1, -1.0), np.full((1, n), 1.0 / n)
+    work = filled(diagonal, off, rows)
+    raised, positive, negative, zero, _ = td.factorize(work)
+    assert (positive, negative, zero) == (n, 1, 0)
+    assert raised > 0
+    right = np.random.default_rng(0).normal(size=n + 1)
+    expected = np.linalg.solve(dense(diagonal, off, rows), right)
+    error = np.abs(solved(work, raised, right) - expected).max()
+    assert error <= 1e-11 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("gap", [1e-2, 1e-5, 1e-9, 0.0, -1e-9, -1e-5, -1e-2])
 def test_inertia_through_a_singular_chain(gap):
     """H passes through singularity while the constrained problem stays positive."""
     n = 40
-    diagonal = np.full(n, 2.0)
-    off = np.full(n - 1, -1.0)
-    lowest = np.linalg.eigvalsh(np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1))[0]
-    diagonal -= lowest - gap
+    diagonal, off = np.full(n, 2.0), np.full(n - 1, -1.0)
+    diagonal -= np.linalg.eigvalsh(dense(diagonal, off, np.empty((0, n))))[0] - gap
     rows = np.sin(np.pi * np.arange(1, n + 1) / (n + 1))[None, :]  # exactly the critical mode
-    factor = td.factorize_bordered(diagonal, off, rows)
-    assert (factor.positive, factor.negative, factor.zero) == (n, 1, 0)
+    _, positive, negative, zero, _ = td.factorize(filled(diagonal, off, rows))
+    assert (positive, negative, zero) == (n, 1, 0)
 
 
 def test_dependent_rows_are_reported_as_singular():
-    diagonal, off = np.full(10, 3.0), np.full(9, -1.0)
-    rows = np.ones((2, 10))
-    factor = td.factorize_bordered(diagonal, off, rows)
-    assert factor.weakest < 1e-14
+    work = filled(np.full(10, 3.0), np.full(9, -1.0), np.ones((2, 10)))
+    assert td.factorize(work)[-1] < 1e-14
 
 
 def test_decoupled_null_row_is_counted():
-    diagonal = np.array([2.0, 0.0, 3.0])
-    factor = td.factorize_bordered(diagonal, np.zeros(2), np.empty((0, 3)))
-    assert (factor.positive, factor.negative, factor.zero) == (2, 0, 1)
+    work = filled(np.array([2.0, 0.0, 3.0]), np.zeros(2), np.empty((0, 3)))
+    assert td.factorize(work)[1:4] == (2, 0, 1)
+
+
+def test_numbers_that_are_not_finite_do_no_harm():
+    for bad in (np.nan, np.inf):
+        work = filled(np.array([1.0, bad, 2.0]), np.array([bad, 1.0]), np.ones((1, 3)))
+        td.factorize(work)  # whatever it says, it stays within its arrays and ends
 
 
 @given(seed=st.integers(0, 2**32 - 1), m=st.integers(1, 7))
@@ -110,75 +119,131 @@ def test_small_factorization(seed, m):
     rng = np.random.default_rng(seed)
     matrix = rng.normal(size=(m, m)) * np.exp(2 * rng.normal(size=(m, m)))
     matrix = matrix + matrix.T
-    matrix[np.arange(m), np.arange(m)] *= rng.integers(0, 2, m)  # zero diagonals force 2 x 2 pivots
+    matrix[np.arange(m), np.arange(m)] *= rng.integers(0, 2, m)  # zero diagonals: 2 x 2 pivots
     eigenvalues = np.linalg.eigvalsh(matrix)
     if np.abs(eigenvalues).min() <= 1e-9 * np.abs(eigenvalues).max():
         return
-    work, order, kind = matrix.copy(), np.empty(m, np.int64), np.empty(m, np.int64)
-    positive, negative, zero, *_ = td.factorize_small(work, order, kind, m)
+    work = np.zeros((m + 2, m))
+    work[:m] = matrix
+    integers = np.zeros((2, m), dtype=np.int64)
+    positive, negative, zero, *_ = td._factorize_dense(work, integers, m)
     assert (positive, negative, zero) == (np.sum(eigenvalues > 0), np.sum(eigenvalues < 0), 0)
     values = rng.normal(size=m)
-    x = values.copy()
-    td.solve_small(work, order, kind, x, np.empty(m), m)
+    work[m] = values
+    td._solve_dense(work, integers, m, m, m + 1)
+    x = work[m]
     scale = np.abs(matrix).sum(axis=1).max() * np.abs(x).max()
     assert np.abs(matrix @ x - values).max() <= 1e-13 * m * scale
 
 
+@pytest.mark.parametrize("m", [0, 1, 3])
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_smallest_eigenpair_matches_dense(m, seed):
+    n = 25
+    diagonal, off, rows, rng = random_problem(seed, n, m)
+    masses = rng.uniform(0.5, 2.0, n)
+    basis = null_space(rows) if m else np.eye(n)
+    hessian = dense(diagonal, off, np.empty((0, n)))
+    reduced = basis.T @ hessian @ basis, basis.T @ np.diag(masses) @ basis
+    lowest = eigh(*reduced, eigvals_only=True)[0]
+    gap = rng.uniform(0.01, 3.0)
+    diagonal = diagonal + (gap - lowest) * masses  # now the smallest is the gap
+    values, modes = eigh(basis.T @ dense(diagonal, off, np.empty((0, n))) @ basis, reduced[1])
+    mode = np.zeros(n)
+    found = td.smallest_eigenpair(masses, filled(diagonal, off, rows), mode)
+    assert abs(found - gap) <= 1e-8 * max(1.0, np.abs(diagonal).max())
+    assert abs(mode @ (masses * mode) - 1) < 1e-10
+    if values[1] - values[0] > 0.1:
+        assert abs(abs(mode @ (masses * (basis @ modes[:, 0]))) - 1) < 1e-4
+
+
+def test_eigenvalue_of_an_unstable_point_is_refused():
+    work = filled(np.array([1.0, -1.0, 2.0]), np.zeros(2), np.empty((0, 3)))
+    assert np.isnan(td.smallest_eigenpair(np.ones(3), work, np.zeros(3)))
+
+
 @jit
-def quartic_chain(data, x, multipliers, gradient, diagonal, off, constraints, rows):
-    """Energy sum (x_i^4/4 + (x_{i+1} - x_i)^2/2 - b_i x_i), constraint sum x_i = c."""
-    loads, total = data
+def double_well_chain(data, x, multipliers, work):
+    """Energy sum (well (x_i^2 - 1)^2/4 + (x_{i+1} - x_i)^2/2 - b_i x_i), constraint sum x_i = c."""
+    loads, total, well = data
     n = x.size
     energy = 0.0
-    constraints[0] = -total
+    work.constraints[0] = -total
     for i in range(n):
-        energy += 0.25 * x[i] ** 4 - loads[i] * x[i]
-        gradient[i] = x[i] ** 3 - loads[i] + multipliers[0]
-        diagonal[i] = 3.0 * x[i] ** 2
-        constraints[0] += x[i]
-        rows[0, i] = 1.0
+        energy += 0.25 * well * (x[i] ** 2 - 1.0) ** 2 - loads[i] * x[i]
+        work.band[td.GRADIENT, i] = well * (x[i] ** 3 - x[i]) - loads[i] + multipliers[0]
+        work.band[td.DIAGONAL, i] = well * (3.0 * x[i] ** 2 - 1.0)
+        work.constraints[0] += x[i]
+        work.rows[0, i] = 1.0
     for i in range(n - 1):
         jump = x[i + 1] - x[i]
         energy += 0.5 * jump * jump
-        gradient[i] -= jump
-        gradient[i + 1] += jump
-        diagonal[i] += 1.0
-        diagonal[i + 1] += 1.0
-        off[i] = -1.0
+        work.band[td.GRADIENT, i] -= jump
+        work.band[td.GRADIENT, i + 1] += jump
+        work.band[td.DIAGONAL, i] += 1.0
+        work.band[td.DIAGONAL, i + 1] += 1.0
+        work.band[td.OFF_DIAGONAL, i] = -1.0
     return energy
 
 
-correct, descend = td.make_solvers(quartic_chain)
+correct, descend = td.make_solvers(double_well_chain)
 
 
-def test_corrector_converges_quadratically_to_a_minimum():
-    n = 30
-    rng = np.random.default_rng(5)
-    loads = rng.normal(size=n)
-    x, multipliers = np.ones(n), np.zeros(1)
-    work = td.chain_work(n, 1)
-    result = correct(x, multipliers, (loads, 3.0), 1e-12, 30, 10.0, work)
-    status, steps, _, residual, _, positive, negative, zero, _ = result
-    assert status == td.CONVERGED
-    assert steps <= 12
-    assert residual <= 1e-12
-    assert (positive, negative, zero) == (n, 1, 0)
-    assert abs(x.sum() - 3.0) <= 1e-12
-    # Independent check of stationarity.
+def residual_of(x, multiplier, loads, well):
     stretch = np.diff(x)
-    force = x**3 - loads + multipliers[0]
+    force = well * (x**3 - x) - loads + multiplier
     force[:-1] -= stretch
     force[1:] += stretch
-    assert np.abs(force).max() <= 1e-11
+    return np.abs(force).max()
+
+
+def test_corrector_converges_to_a_minimum_near_by():
+    n = 30
+    loads = 0.1 * np.random.default_rng(5).normal(size=n)
+    x, multipliers = np.ones(n), np.zeros(1)
+    work = td.chain_work(n, 1)
+    result = correct(x, multipliers, (loads, 28.0, 1.0), 1e-12, 12, 10.0, work)
+    status, steps, _, residual, _, positive, negative, zero, _ = result
+    assert status == td.CONVERGED
+    assert steps <= 7
+    assert residual <= 1e-12
+    assert (positive, negative, zero) == (n, 1, 0)
+    assert abs(x.sum() - 28.0) <= 1e-12
+    assert residual_of(x, multipliers[0], loads, 1.0) <= 1e-11
 
 
 def test_corrector_says_when_it_is_lost():
     work = td.chain_work(5, 1)
     loads = np.zeros(5)
-    x = np.full(5, np.nan)
-    assert correct(x, np.zeros(1), (loads, 0.0), 1e-12, 5, 1.0, work)[0] == td.LOST
-    x = np.full(5, 1e3)
-    assert correct(x, np.zeros(1), (loads, 0.0), 1e-12, 5, 1.0, work)[0] == td.LOST
-    loads = np.arange(5.0)
-    x = np.full(5, 10.0)
-    assert correct(x, np.zeros(1), (loads, 40.0), 1e-300, 2, 1e6, work)[0] == td.SLOW
+
+    def status(x, tolerance, limit, longest, load=loads, total=0.0):
+        return correct(x, np.zeros(1), (load, total, 1.0), tolerance, limit, longest, work)[0]
+
+    assert status(np.full(5, np.nan), 1e-12, 5, 1.0) == td.LOST
+    assert status(np.full(5, 1e3), 1e-12, 5, 1.0) == td.LOST
+    assert status(np.full(5, 10.0), 1e-300, 2, 1e6, np.arange(5.0), 40.0) == td.SLOW
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_descent_ends_at_a_minimum(seed):
+    """Deep wells have many saddles: the descent ends at none of them."""
+    n = 12
+    rng = np.random.default_rng(seed)
+    loads = 0.3 * rng.normal(size=n)
+    well = 3.0
+    x, multipliers = 0.1 * rng.normal(size=n), np.zeros(1)
+    work = td.chain_work(n, 1)
+    data = (loads, 1.0, well)
+    before = 0.25 * well * np.sum((x**2 - 1) ** 2) + 0.5 * np.sum(np.diff(x) ** 2) - loads @ x
+    status, _, energy, residual = descend(x, multipliers, data, np.ones(n), 1e-11, 2000, 0.3, work)
+    assert status == td.CONVERGED
+    assert residual <= 1e-11
+    assert energy < before
+    assert residual_of(x, multipliers[0], loads, well) <= 1e-10
+    hessian = np.diag(well * (3 * x**2 - 1) + 2.0) - np.eye(n, k=1) - np.eye(n, k=-1)
+    hessian[0, 0] -= 1
+    hessian[-1, -1] -= 1
+    basis = null_space(np.ones((1, n)))
+    assert np.linalg.eigvalsh(basis.T @ hessian @ basis)[0] > 0

@@ -68,8 +68,8 @@ CLOCK_SIZE = 11
 SCALARS = 7
 
 # Rows of `Space.nodes` and `Space.springs`.
-SINE, COSINE, OLD_ANGLES, X, Y, LEAN, ANGLE = range(7)
-NODE_ROWS = 7
+SINE, COSINE, OLD_ANGLES, X, Y, LEAN, ANGLE, PREDICTED, CORRECTION = range(9)
+NODE_ROWS = 9
 TARGET, TARGET_NEXT, NEW, OLD, SLOPE = range(5)
 
 
@@ -118,7 +118,8 @@ class Options(NamedTuple):
 class Space(NamedTuple):
     """Scratch arrays of the time loop.
 
-    ``nodes`` (7, M): sines, cosines, old angles, positions, lean, angles. ``springs`` (5, M - 1): what
+    ``nodes`` (9, M): sines, cosines, old angles, positions, lean, angles, first guess at the new time
+    and how far it was off. ``springs`` (5, M - 1): what
     the light asks for now and at the end of the step, new and old curvature, and the rate of what the
     light asks for. ``masses`` and ``mode`` (n,). ``saved``: clock and multipliers at the start of the
     step.
@@ -492,9 +493,19 @@ def march(
                 if chain.first <= j + 1 < chain.last:
                     work.band[GRADIENT, j + 1 - chain.first] -= change
             newton_step(work, raised, x, multipliers)
+            if stage == 0:
+                # What this guess missed in the last step, it will miss again, as the step squared.
+                again = (dt / last_dt) ** 2 if last_dt > 0.0 else 0.0
+                for j in range(angles.size):
+                    nodes[PREDICTED, j] = angles[j]
+                for j in range(chain.first, chain.last):
+                    angles[j] += again * nodes[CORRECTION, j]
             status, _, energy, residual, raised, _, negative, zero, _ = correct(
                 x, multipliers, data, options.tolerance, 12, 0.5, work
             )
+            if stage == 0:
+                for j in range(angles.size):
+                    nodes[CORRECTION, j] = angles[j] - nodes[PREDICTED, j]
             good = status == CONVERGED and negative == m and zero == 0
             if not good:
                 break
