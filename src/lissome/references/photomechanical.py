@@ -29,7 +29,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 from scipy.integrate import DOP853
-from scipy.linalg import lu_factor, lu_solve
 from scipy.optimize import brentq
 
 from .._validate import finite, positive
@@ -223,16 +222,15 @@ def _run(
         def path(_: float, y: Array, reference: Array = reference) -> Array:
             k, a, multipliers = y[:m], y[m : 2 * m], y[2 * m : 2 * m + 2]
             rate = strip.rate(a, k)
-            factor = lu_factor(strip.kkt(a, multipliers), check_finite=False)
-            right = np.concatenate([rate, [0.0, 0.0]])
-            moved = lu_solve(factor, right, check_finite=False)
-            tangent = np.concatenate([rate, moved, [1.0]])
-            tangent /= np.sqrt(1.0 + moved[:m] @ moved[:m] / scale**2)
-            if (
-                tangent[m : 2 * m] @ reference[m : 2 * m] / scale**2 + tangent[-1] * reference[-1]
-                < 0
-            ):
-                tangent = -tangent
+            # null vector of [KKT, -rate], bordered by the last direction: regular at the fold too
+            matrix = np.zeros((m + 3, m + 3))
+            matrix[: m + 2, : m + 2] = strip.kkt(a, multipliers)
+            matrix[:m, -1] = -rate
+            matrix[-1, :m] = reference[m : 2 * m] / scale**2
+            matrix[-1, -1] = reference[-1]
+            moved = np.linalg.solve(matrix, np.append(np.zeros(m + 2), 1.0))
+            moved /= np.sqrt(moved[-1] ** 2 + moved[:m] @ moved[:m] / scale**2)
+            tangent = np.concatenate([moved[-1] * rate, moved])
             return tangent
 
         if record(time, y) <= 0.0:
