@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import lissome as ls
 from lissome import beams
 from lissome.beams import ClampedStrip, GaussianSpot, ParallelLight, UserLight
 from lissome.errors import InvalidInput, NotConverged
@@ -132,6 +133,30 @@ def test_snap_under_a_spot_against_the_spectral_reference():
         for n in (150, 300)
     )
     assert abs((fine + (fine - coarse) / 3) / exact - 1) < 5e-6
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_the_general_evolution_finds_the_same_snaps(compiled):
+    """`lissome.evolve` locates snaps and descends by itself; its time steps are fixed."""
+    strip = ClampedStrip(span=0.95, segments=30)
+    lit = beams.LitStrip(strip, OBLIQUE)
+    start = ls.equilibrate(strip)
+    errors = []
+    for step in (0.02, 0.005):
+        history = ls.evolve(lit, strip.at_rest, start, 2.6, step, compiled=compiled)
+        exact = snap_times(strip, OBLIQUE, 2.6, step=0.001)
+        times = np.array([event.time for event in history.events])
+        assert times.size == exact.size == 2
+        errors.append(np.abs(times - exact).max())
+    assert errors[-1] < 1e-5
+    assert errors[0] / errors[1] > 5  # order 3/2 at least
+    run = strip.under(OBLIQUE).run(until=2.6, step=0.001, record_every=None)
+    np.testing.assert_allclose(history.equilibrium.angles, run.angles[-1], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(
+        [e.energy_released for e in history.events],
+        [s.energy_released for s in run.snaps],
+        rtol=1e-3,
+    )
 
 
 def test_same_cycle_from_either_side():

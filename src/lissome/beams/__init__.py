@@ -14,6 +14,7 @@ Examples
 3.03
 """
 
+from ._evolving import LitStrip
 from ._material import Illumination, absorption_moment, illumination
 from ._motion import History, Motion, Period, Snap
 from ._structures import ClampedStrip, Elastica, ElasticaEquilibrium, Ring, Shape
@@ -30,6 +31,7 @@ __all__ = [
     "History",
     "Illumination",
     "Light",
+    "LitStrip",
     "Motion",
     "ParallelLight",
     "Period",

@@ -109,6 +109,7 @@ class Runner:
         curvature: Array | None = None,
         time: float = 0.0,
         event_tolerance: float = EVENT_TOLERANCE,
+        bending: float = BENDING,
     ) -> None:
         self.structure = structure
         self.chain = structure.chain
@@ -127,7 +128,7 @@ class Runner:
         self.event_tolerance = event_tolerance
         self.step = step
         self.options = _kernel.Options(
-            time, step, scheme, BENDING, self.tolerance, event_tolerance, hold, 0
+            time, step, scheme, bending, self.tolerance, event_tolerance, hold, 0
         )
         gain = structure.response * structure.face(light.side)
         if isinstance(light, UserLight):
@@ -151,6 +152,10 @@ class Runner:
     @property
     def data(self) -> tuple[Any, ...]:
         return (self.chain, self.angles, self.curvature, self.space.nodes)
+
+    def empty_table(self) -> Array:
+        """Return a table for runs that record nothing."""
+        return np.zeros((1, _kernel.SCALARS + 2 + 2 * self.angles.size - 1))
 
     def begin(self) -> None:
         """Descend from the guess to the first equilibrium."""
@@ -304,6 +309,38 @@ def structure_points(
     y = s * points[:, 0] + c * points[:, 1] + clock[_kernel.SHIFT_Y]
     theta = 0.5 * (angles[1:] + angles[:-1]) + math.atan2(s, c)
     return x, y, theta
+
+
+def flux_target(
+    structure: Elastica,
+    light: Light,
+    angles: Array,
+    time: float,
+    pose: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+) -> Array:
+    """Return what the natural curvature relaxes to, for a shape."""
+    clock = np.zeros(_kernel.CLOCK_SIZE)
+    clock[_kernel.COS : _kernel.SHIFT_Y + 1] = pose
+    face = structure.face(light.side)
+    gain = structure.response * face
+    angles = np.array(angles)
+    if isinstance(light, UserLight):
+        x, y, theta = structure_points(structure, angles, clock)
+        flux = light.flux(x, y, theta, structure.spring_positions, time)
+        return structure.at_rest + gain * flux
+    space = _kernel.space_for(structure.chain, angles.size)
+    space.nodes[_kernel.SINE] = np.sin(angles)
+    space.nodes[_kernel.COSINE] = np.cos(angles)
+    _kernel.illuminate(
+        _kernel.Lamp(*light._lamp(gain, face)),
+        structure.chain,
+        angles,
+        clock,
+        np.array(structure.at_rest),
+        space.nodes,
+        space.springs,
+    )
+    return space.springs[_kernel.TARGET_NEXT].copy()
 
 
 class _Recorder:
@@ -676,36 +713,9 @@ class History:
 
     def flux_target(self, row: int) -> Array:
         """Return what the natural curvature relaxes to in a row, :math:`K_r + \\Lambda f`."""
-        clock = np.zeros(_kernel.CLOCK_SIZE)
-        clock[_kernel.TIME] = self.times[row]
-        for place, value in zip(
-            (_kernel.COS, _kernel.SIN, _kernel.SHIFT_X, _kernel.SHIFT_Y),
-            self.pose[row],
-            strict=True,
-        ):
-            clock[place] = value
-        structure, light = self.structure, self.light
-        face = structure.face(light.side)
-        gain = structure.response * face
-        angles = np.array(self.angles[row])
-        if isinstance(light, UserLight):
-            x, y, theta = structure_points(structure, angles, clock)
-            time = float(self.times[row])
-            flux = light.flux(x, y, theta, structure.spring_positions, time)
-            return structure.at_rest + gain * flux
-        space = _kernel.space_for(structure.chain, angles.size)
-        space.nodes[_kernel.SINE] = np.sin(angles)
-        space.nodes[_kernel.COSINE] = np.cos(angles)
-        _kernel.illuminate(
-            _kernel.Lamp(*light._lamp(gain, face)),
-            structure.chain,
-            angles,
-            clock,
-            np.array(structure.at_rest),
-            space.nodes,
-            space.springs,
+        return flux_target(
+            self.structure, self.light, self.angles[row], float(self.times[row]), self.pose[row]
         )
-        return space.springs[_kernel.TARGET_NEXT].copy()
 
     # -- cycles -------------------------------------------------------------------------------
     def find_period(self, tolerance: float = 1e-3) -> Period | None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from .._validate import integer_at_least, one_of, positive
 from ..errors import InvalidInput
 from . import _kernel
@@ -93,10 +91,6 @@ def _runner(strip: ClampedStrip, light: Light, step: float, scheme: str) -> Runn
     return runner
 
 
-def _empty_table(runner: Runner) -> np.ndarray:
-    return np.zeros((1, _kernel.SCALARS + 2 + 2 * runner.angles.size - 1))
-
-
 def flapping(
     strip: ClampedStrip,
     light: Light,
@@ -149,7 +143,7 @@ def flapping(
     rest = positive("rest", rest)
     snaps = integer_at_least("snaps", snaps, 1)
     runner = _runner(strip, light, step, scheme)
-    table = _empty_table(runner)
+    table = runner.empty_table()
     seen: list[Snap] = []
     count = 0
     # Decay to rest takes log(1/rest) relaxation times at least: look about once in each.
@@ -231,7 +225,7 @@ def first_snap(
     until = positive("until", until)
     rest = positive("rest", rest)
     runner = _runner(strip, light, step, scheme)
-    table = _empty_table(runner)
+    table = runner.empty_table()
     bifurcated = math.nan
     while runner.time < until:
         reason, _ = runner.advance(min(runner.time + 1.0, until), 0, table)
