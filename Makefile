@@ -1,7 +1,7 @@
 # Needs python3 (3.11 or newer, with venv) and make; the rest is installed into $(VENV).
 #
 #   make book         build the book, strictly and offline     -> $(BUILD)/html/index.html
-#   make test         the test suite; pass pytest more with ARGS="-x -k clamp"
+#   make test         the test suite on all cores; more for pytest: ARGS="-x -k clamp", JOBS=1
 #   make lint         ruff and mypy
 #   make bench        benchmarks -> benchmarks/results.json
 #   make check-pages  look at every built page in a real browser, network cut
@@ -13,6 +13,7 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BUILD  ?= _build
+JOBS   ?= auto
 
 # Nothing of the caller's own Python may leak in. MPLBACKEND=Agg would even silence every figure.
 unexport PYTHONPATH PYTHONHOME PYTHONSTARTUP MPLBACKEND
@@ -34,7 +35,8 @@ book: env
 	$(RUN) tools/build_book.py "$(BUILD)"
 
 test: env
-	$(RUN) -m pytest $(ARGS)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+	$(RUN) -m pytest -n $(JOBS) --dist worksteal -p no:benchmark $(ARGS)
 
 lint: env
 	$(RUN) -m ruff check .

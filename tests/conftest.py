@@ -3,7 +3,12 @@
 import sys
 from pathlib import Path
 
+import hypothesis
 import pytest
+
+# How long an example takes says nothing about whether it is right.
+hypothesis.settings.register_profile("lissome", deadline=None, print_blob=True)
+hypothesis.settings.load_profile("lissome")
 
 ROOT = Path(__file__).resolve().parent.parent
 
