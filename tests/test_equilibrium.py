@@ -47,6 +47,20 @@ def test_pitchfork_leaves_the_saddle_by_itself(p):
     assert any(line.kind == "curvature" for line in found.history)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("start", [0.2, 0.01, 1e-4])
+def test_a_start_beside_a_saddle_falls_to_its_own_side(start, side):
+    """-2e-6 x^2/2 - x^4/4 + x^6/6: nearly flat at the top, with minima close to 1 and -1."""
+    hill = DenseStructure(
+        initial=[side * start],
+        energy=lambda x: -1e-6 * x[0] ** 2 - x[0] ** 4 / 4 + x[0] ** 6 / 6,
+        gradient=lambda x: -2e-6 * x - x**3 + x**5,
+        hessian=lambda x: np.diag(-2e-6 - 3 * x**2 + 5 * x**4),
+    )
+    exact = np.sqrt(0.5 + np.sqrt(0.25 + 2e-6))
+    assert equilibrate(hill).state.x[0] == pytest.approx(side * exact, rel=1e-12)
+
+
 def test_pitchfork_saddle_on_request():
     found = equilibrate(pitchfork(1.0), require="any")
     assert (found.state.x[0], found.index, found.stable) == (0.0, 1, False)

@@ -486,9 +486,13 @@ class _Solver:
                 return fall, state
             return None
 
+        # Downhill first; the sign of a slope that is hidden by rounding must not decide.
+        slope = float(self.gradient @ unit)
+        hidden = self.noise * float(np.abs(unit) @ self.force_terms)
+        first = -1.0 if slope > hidden else 1.0
         distance = 0.1
         while distance > 1e-7:
-            for sign in (1.0, -1.0):
+            for sign in (first, -first):
                 found = reach(sign * distance)
                 if found is None:
                     continue
