@@ -21,7 +21,7 @@ from models import (
 from lissome import Output, equilibrate, sensitivity
 from lissome.errors import FactorizationError, InvalidInput
 from lissome.factorization import DenseKKT
-from lissome.structure import BaseStructure, Evaluation, VectorState
+from lissome.structure import BaseStructure, DenseStructure, Evaluation, VectorState
 
 
 def fourth_order(function, h):
@@ -210,6 +210,31 @@ def test_at_a_fold_there_is_no_derivative():
     critical = replace(regular, structure=fold(0.0), state=VectorState([0.0]), stable=False)
     with pytest.raises(FactorizationError, match="critical"):
         sensitivity(fold, 0.0, critical)
+
+
+def test_a_parameter_that_is_nearly_zero():
+    """Within a step in proportion to 5e-17, rounding hides what the parameter changes."""
+
+    def spring(p):
+        soft, _ = p
+        return DenseStructure(
+            initial=[1.0],
+            energy=lambda x: (1 + soft) * x[0] ** 2 / 2 - x[0],
+            gradient=lambda x: (1 + soft) * x - 1,
+            hessian=lambda x: np.array([[1 + soft]]),
+        )
+
+    for soft in (5e-17, -1e-13):
+        found = equilibrate(spring((soft, 0.0)))
+        with pytest.raises(InvalidInput, match="pass `step`"):
+            sensitivity(spring, (soft, 0.0), found)
+        given = sensitivity(spring, (soft, 0.0), found, step=1e-3)
+        assert given.state == pytest.approx(np.array([[-1.0, 0.0]]), abs=1e-10)
+    # A parameter that changes nothing has the derivative zero, however small it is.
+    found = equilibrate(spring((0.0, 1e-15)))
+    assert sensitivity(spring, (0.0, 1e-15), found).state == pytest.approx(
+        np.array([[-1.0, 0.0]]), abs=1e-10
+    )
 
 
 def test_bad_arguments():

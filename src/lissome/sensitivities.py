@@ -86,6 +86,30 @@ def _difference(function: Callable[[float], Any], step: float) -> Any:
     return (8.0 * near - far) / (12.0 * step)
 
 
+def _refuse_hidden(
+    i: int,
+    value: float,
+    step: float,
+    residual: Callable[[float], Array],
+    slope: Array,
+    seen: Callable[[Array], bool],
+) -> None:
+    """Raise if rounding hides what a small parameter changes, although the parameter matters."""
+    if seen(step * slope):
+        return
+    longer = EPS**0.2  # what a parameter of 0 gets
+    try:
+        matters = seen(longer * _difference(residual, longer))
+    except InvalidInput:  # the family ends before: nothing can be told
+        matters = True
+    if matters:
+        raise InvalidInput(
+            f"argument `parameter` has the entry {value:.3g} (number {i}), so small that rounding "
+            f"hides the changes within the default step {step:.3g}; pass `step`, or 0 for a "
+            "parameter that is meant to be zero"
+        )
+
+
 def _number(name: str, value: Any) -> float:
     array = np.asarray(value, dtype=float)
     if array.size != 1:
@@ -144,7 +168,8 @@ def sensitivity(
     Raises
     ------
     InvalidInput
-        If the equilibrium is not one of ``family(parameter)``, or a function returns a wrong shape.
+        If the equilibrium is not one of ``family(parameter)``, a function returns a wrong shape, or
+        a parameter is so small that rounding hides what its default step changes.
     FactorizationError
         If the equilibrium is critical: at a fold it has no derivative.
 
@@ -210,6 +235,15 @@ def sensitivity(
             "at which it was found"
         )
 
+    noise = float(here.noise(state))
+
+    def seen(change: Array) -> bool:
+        """Tell whether a change of the residual is far above its rounding errors."""
+        return bool(
+            np.max(np.abs(change[:n])) > 1e3 * noise * np.max(force)
+            or np.any(np.abs(change[n:]) > 1e3 * noise * np.max(closure, initial=0.0))
+        )
+
     # The unbalanced force and constraint that each parameter makes.
     dg, dc = np.empty((n, k)), np.empty((m, k))
     if residual_derivative is not None:
@@ -235,6 +269,8 @@ def sensitivity(
                     f"parameter {point}; pass a smaller `step`"
                 )
             dg[:, i], dc[:, i] = both[:n], both[n:]
+            if step is None and 0.0 < abs(vector[i]) < 1.0:
+                _refuse_hidden(i, float(vector[i]), float(steps[i]), residual, both, seen)
 
     factor = equilibrium.factorization
     results: dict[str, Any] = {}
