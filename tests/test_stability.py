@@ -218,3 +218,7 @@ def test_bad_arguments():
         smallest_eigenvalue(found.structure)
     with pytest.raises(InvalidInput, match="multipliers"):
         smallest_eigenvalue(found.structure, found.state)
+    with pytest.raises(InvalidInput, match="those of the Equilibrium"):
+        smallest_eigenvalue(found, found.structure.start())
+    with pytest.raises(InvalidInput, match="those of the Equilibrium"):
+        smallest_eigenvalue(found, multipliers=np.zeros(2))

@@ -232,7 +232,8 @@ def smallest_eigenvalue(
     Raises
     ------
     InvalidInput
-        If fewer motions than `count` are admissible, or an argument is missing.
+        If fewer motions than `count` are admissible, or an argument is missing, or `state` or
+        `multipliers` come with an Equilibrium, which has its own.
     NotConverged
         If the inertia does not confirm the eigenvalues.
 
@@ -255,6 +256,11 @@ def smallest_eigenvalue(
     shift = 0.0
     if isinstance(structure, Equilibrium):
         equilibrium = structure
+        if state is not None or multipliers is not None:
+            raise InvalidInput(
+                "arguments `state` and `multipliers` are those of the Equilibrium; pass its "
+                "`structure` to evaluate another state"
+            )
         structure, state = equilibrium.structure, equilibrium.state
         kkt, metric, gauge = equilibrium.evaluation.kkt, equilibrium.metric, equilibrium.gauge
         if equilibrium.stable:
