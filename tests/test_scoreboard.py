@@ -289,7 +289,7 @@ CASES = [
 
 def judged(claim, facts, **more):
     if JUDGES[claim].has_value:
-        more.setdefault("uncertainty", 1e-3)
+        more.setdefault("uncertainty", 1e-9)
     return scoreboard.record(claim, as_printed=facts, **more)
 
 
@@ -341,6 +341,27 @@ class TestJudges:
             judged("ring-steady-speed", facts)
         with pytest.raises(InvalidInput, match="three entries"):
             judged("snap-time-exponent", {**EXPONENT, "light": [1, 2, 3, 4, 50]})
+
+    @pytest.mark.parametrize(
+        ("claim", "facts", "uncertainty"),
+        [
+            ("strip-best-angle-0957", {"value": 65.7, "spread": 0.1}, 0.6),
+            ("buckling-point", {"value": np.pi**2 / 4, "order": 2.0}, 1e-5),
+            ("slinky-triple", TRIPLE, 2e-3),
+            ("jump-height", {"value": 0.2, "modulus": 1.0, "printed_modulus": 1.0}, 0.01),
+        ],
+    )
+    def test_a_number_less_certain_than_its_tolerance_decides_nothing(
+        self, claim, facts, uncertainty
+    ):
+        assert judged(claim, facts).verdict is HOLDS
+        with pytest.raises(InvalidInput, match="decides nothing"):
+            judged(claim, facts, uncertainty=uncertainty)
+
+    def test_one_entry_is_no_trend(self):
+        for trend in (core.increasing, core.decreasing):
+            with pytest.raises(InvalidInput, match="at least two"):
+                trend("it", [1.0])
 
     def test_a_computed_period_is_uncertain(self):
         with pytest.raises(InvalidInput, match="no computed period is exact"):

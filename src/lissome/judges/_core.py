@@ -250,10 +250,22 @@ def _short(value: float, digits: int = 2) -> str:
     return re.sub(r"e([-+]?)0*", lambda e: "e" + e[1].replace("+", ""), f"{value:.{digits}g}")
 
 
+def _decisive(name: str, spread: float, tolerance: float) -> None:
+    if spread > tolerance:
+        raise InvalidInput(
+            f"argument `uncertainty` is {spread:.2g}, more than the tolerance {tolerance:.2g} on "
+            f"{name}: such a number decides nothing; compute it more accurately"
+        )
+
+
 def within(
     name: str, value: float, target: float, tolerance: float, unit: str = "", spread: float = 0.0
 ) -> Check:
-    """Check that a number lies within an absolute tolerance of another."""
+    """Check that a number lies within an absolute tolerance of another.
+
+    A number that is more uncertain than the tolerance is refused: it decides nothing.
+    """
+    _decisive(name, spread, tolerance)
     space = f" {unit}" if unit and unit != "1" else ""
     shown = rounded(value, spread or tolerance / 10)
     distance = abs(value - target)
@@ -267,7 +279,8 @@ def within(
 def within_percent(
     name: str, value: float, target: float, percent: float, spread: float = 0.0
 ) -> Check:
-    """Check that a number lies within some per cent of another."""
+    """Check that a number lies within some per cent of another; see :func:`within`."""
+    _decisive(name, spread, abs(target) * percent / 100)
     distance = 100 * abs(value / target - 1)
     shown = rounded(value, spread or abs(target) * percent / 1e4)
     return holds(
@@ -299,8 +312,14 @@ def all_above(name: str, values: Any, limit: float, unit: str = "") -> Check:
     )
 
 
+def _at_least_two(name: str, values: Any) -> None:
+    if len(values) < 2:
+        raise InvalidInput(f"{name} has {len(values)} entries; a trend needs at least two")
+
+
 def increasing(name: str, values: Any) -> Check:
-    """Check that a list strictly increases."""
+    """Check that a list of two or more strictly increases."""
+    _at_least_two(name, values)
     listed = _listed(values)
     return holds(
         bool(np.all(np.diff(values) > 0)),
@@ -310,7 +329,8 @@ def increasing(name: str, values: Any) -> Check:
 
 
 def decreasing(name: str, values: Any) -> Check:
-    """Check that a list strictly decreases."""
+    """Check that a list of two or more strictly decreases."""
+    _at_least_two(name, values)
     listed = _listed(values)
     return holds(
         bool(np.all(np.diff(values) < 0)),
