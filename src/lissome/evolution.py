@@ -34,8 +34,6 @@ from ._corrector import (
     confirm,
     correct,
     critical_modes,
-    gauge_of,
-    typical_size,
 )
 from ._descent import descend, distance
 from ._stored import pack_equilibria, unpack_equilibria, without_what_cannot_travel
@@ -551,7 +549,6 @@ class _Evolution:
         self.time, self.memory, self.balanced = time, memory, balanced
         self.size = self.step
         self.last: Array | None = None  # increment of the unknowns in the last step
-        self.pace = 0.0  # its largest entry, relative to typical sizes, over the step
         self.steps = 0
         self.times: list[float] = []
         self.memories: list[Any] = []
@@ -680,7 +677,7 @@ class _Evolution:
             raise self.interrupted("the compiled march accepted an unstable state")
         self.time, self.memory, self.balanced = marched.time, marched.memory, balanced
         self.steps += marched.steps
-        self.last, self.pace = None, 0.0
+        self.last = None
 
     def attempt(self, step: float) -> _Trial:
         """Return where one step leads, if it leads to a stable equilibrium nearby."""
@@ -707,33 +704,10 @@ class _Evolution:
             balanced, after = found, as_equilibrium(found)
         return _Trial(memory, balanced, error)
 
-    def check_continuity(self, found: Balanced, step: float) -> None:
-        """Raise if an equilibrium cannot be the continuation of the last one."""
-        structure = found.structure
-        origin = structure.adopt(self.balanced.state)
-        move = structure.difference(origin, found.state)
-        far = float(np.max(np.abs(move) / typical_size(structure, origin)))
-        if far > self.max_change:
-            raise _Lost("the equilibrium has moved far")
-        if far <= 1e-6 or far <= 4 * self.pace * step:
-            return
-        # It moves faster than before: what lies between must be stable as well.
-        between = structure.retract(origin, 0.5 * move)
-        multipliers = 0.5 * (self.balanced.multipliers + found.multipliers)
-        try:
-            kkt = structure.evaluate(between, multipliers, 2).kkt
-            inside = kkt.factorize(gauge=gauge_of(structure, between)).is_minimum
-        except FactorizationError:
-            inside = False
-        if not inside:
-            raise _Lost("there is an unstable state between the last equilibrium and this one")
-
     def accept(self, trial: _Trial, time: float) -> None:
         structure = trial.balanced.structure
         origin = structure.adopt(self.balanced.state)
         self.last = structure.difference(origin, trial.balanced.state)
-        moved = float(np.max(np.abs(self.last) / typical_size(structure, origin)))
-        self.pace = moved / (time - self.time)
         self.time, self.memory, self.balanced = time, trial.memory, trial.balanced
         self.steps += 1
 
@@ -827,5 +801,5 @@ class _Evolution:
                 modes=modes, energy_released=top - after.energy, row=row,
             )
         )  # fmt: skip
-        self.last, self.pace = None, 0.0
+        self.last = None
         self.size = min(self.size, self.step)
