@@ -90,7 +90,7 @@ class LitStrip:
             equilibrium.state.angles,
             memory,
             time,
-            event_tolerance=math.inf,
+            resolution=math.inf,
             bending=math.inf,
         )
         runner.multipliers[:] = equilibrium.multipliers

@@ -67,6 +67,9 @@ CLOCK_SIZE = 11
 # Columns of a recorded row: time, energy, contact and pose; then multipliers, angles, curvature.
 SCALARS = 7
 
+# Of a step beside the longest one, where the light bends: a contact that jumps would stop the clock.
+SHORTEST = 0.02
+
 # Rows of `Space.nodes` and `Space.springs`.
 SINE, COSINE, OLD_ANGLES, X, Y, LEAN, ANGLE, PREDICTED, CORRECTION = range(9)
 NODE_ROWS = 9
@@ -110,7 +113,7 @@ class Options(NamedTuple):
     scheme: int
     bending: float
     tolerance: float
-    event_tolerance: float
+    resolution: float
     hold: float
     record_every: int
 
@@ -401,7 +404,8 @@ def march(
 
     Every accepted step ends at an equilibrium with as many negative pivots as constraints.  A
     step that does not is halved, until the time at which the stable equilibrium is lost is
-    enclosed within ``options.event_tolerance``.
+    enclosed so tightly that the natural curvature changes by no more than ``options.resolution``
+    (a loss cannot be located better than the equilibrium equations are solved).
 
     Steps are shortened where what the light asks for bends in time: in the mean over the springs
     its second derivative, times the square of the step, may not exceed ``options.bending`` times
@@ -505,7 +509,7 @@ def march(
             )
             if stage == 0:
                 for j in range(angles.size):
-                    nodes[CORRECTION, j] = angles[j] - nodes[PREDICTED, j]
+                    nodes[PREDICTED, j] = angles[j] - nodes[PREDICTED, j]
             good = status == CONVERGED and negative == m and zero == 0
             if not good:
                 break
@@ -529,6 +533,8 @@ def march(
             clock[ENERGY] = energy
             clock[RESIDUAL] = residual
             clock[STEPS] += 1.0
+            for j in range(angles.size):
+                nodes[CORRECTION, j] = nodes[PREDICTED, j]
             change = 0.0
             size = 0.0
             for j in range(curvature.size):
@@ -541,7 +547,7 @@ def march(
             if options.scheme != EXPLICIT_EULER and last_dt > 0.0:
                 second = change / (0.5 * (dt + last_dt))
                 if second > options.bending * size:
-                    next_step *= math.sqrt(options.bending * size / second)
+                    next_step *= max(math.sqrt(options.bending * size / second), SHORTEST)
             last_dt = dt
             next_step = min(next_step, 2.0 * max(dt, clock[TRIAL]))
             if failed_at < np.inf:
@@ -577,9 +583,12 @@ def march(
             for j in range(k - 1):
                 table[rows, SCALARS + m + k + j] = curvature[j]
             rows += 1
-        if failed_at - clock[TIME] <= options.event_tolerance:
-            clock[TRIAL] = options.event_tolerance
-            return ENCLOSED, rows
+        if failed_at < np.inf:
+            rate = 0.0
+            for j in range(curvature.size):
+                rate = max(rate, abs(springs[TARGET, j] - curvature[j]))
+            if (failed_at - clock[TIME]) * rate <= options.resolution:
+                return ENCLOSED, rows
         if rows == capacity:
             return FULL, rows
 

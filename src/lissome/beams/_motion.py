@@ -27,10 +27,12 @@ SCHEMES = {
     "exponential-2": _kernel.EXPONENTIAL_2,
 }
 DEFAULT_STEP = 0.005
-EVENT_TOLERANCE = 1e-9
+RESOLUTION = 2e-8  # change of the natural curvature within which a loss of stability is enclosed
 # Steps are shortened where the flux bends more in time than this (see `_kernel.march`).
 BENDING = 1.0
 PUSH = 0.05  # radians, along the critical mode of a snap
+NEAR = 1e-3  # radians: the equilibrium just after is nearer than this, if it exists
+PATIENCE = 500  # losses of stability in a row that are none
 SNAP_DISTANCE = 0.05  # radians: a loss of stability that moves the shape less is no jump
 LOST = 0.3  # smallest eigenvalue (of order 40 for a strip) above which stability is not being lost
 CHUNK = 512
@@ -108,7 +110,7 @@ class Runner:
         initial: Array | None = None,
         curvature: Array | None = None,
         time: float = 0.0,
-        event_tolerance: float = EVENT_TOLERANCE,
+        resolution: float = RESOLUTION,
         bending: float = BENDING,
     ) -> None:
         self.structure = structure
@@ -125,10 +127,10 @@ class Runner:
         self.clock[_kernel.TIME] = time
         hold = structure.hold if isinstance(structure, Ring) else 0.0
         self.tolerance = residual_floor(structure.segments)
-        self.event_tolerance = event_tolerance
+        self.resolution = resolution
         self.step = step
         self.options = _kernel.Options(
-            time, step, scheme, bending, self.tolerance, event_tolerance, hold, 0
+            time, step, scheme, bending, self.tolerance, resolution, hold, 0
         )
         gain = structure.response * structure.face(light.side)
         if isinstance(light, UserLight):
@@ -140,6 +142,7 @@ class Runner:
             self.look = _kernel.look_at_lamp
             self.march = _kernel.march
         self.light = light
+        self.patience = PATIENCE
 
     @property
     def time(self) -> float:
@@ -222,12 +225,27 @@ class Runner:
         _kernel.evaluate(self.data, self.unknown, self.multipliers, self.work)
         return float(_kernel.smallest_eigenpair(self.space.masses, self.work, self.space.mode))
 
+    def nearby(self) -> bool:
+        """Move to the stable equilibrium beside the present shape, if there is one."""
+        angles, forces = self.angles.copy(), self.multipliers.copy()
+        status, _, energy, residual, _, _, negative, zero, _ = _kernel.correct(
+            self.unknown, self.multipliers, self.data, self.tolerance, 12, NEAR, self.work
+        )
+        moved = float(np.max(np.abs(self.angles - angles)))
+        if status == 0 and negative == 2 and zero == 0 and moved < NEAR:
+            self.clock[_kernel.ENERGY] = energy
+            self.clock[_kernel.RESIDUAL] = residual
+            return True
+        self.angles[:], self.multipliers[:] = angles, forces
+        return False
+
     def snap(self) -> Snap | None:
         """Leave the equilibrium that is being lost, or return None if it is not.
 
         The natural curvature is first advanced by twice the bracket of the event, past the loss,
-        and then frozen. The energy descends from the old shape, pushed along the critical mode: at a
-        fold one side leads back to where the minimum vanished, so both are tried.
+        and then frozen. If the equilibrium is still there and stable, a step was merely too long.
+        Otherwise the energy descends from the old shape, pushed along the critical mode: at a fold
+        one side leads back to where the minimum vanished, so both are tried.
         """
         time = self.time
         eigenvalue = self.smallest_eigenvalue()
@@ -236,11 +254,22 @@ class Runner:
         mode = self.space.mode.copy()
         before = self.angles.copy()
         forces = self.multipliers.copy()
-        delay = 2.0 * self.event_tolerance
+        delay = min(2.0 * self.resolution / max(self.rate(), 1e-300), 0.01 * self.step)
         target = self.space.springs[_kernel.TARGET]
         self.curvature += -math.expm1(-delay) * (target - self.curvature)
         self.clock[_kernel.TIME] += delay
         energy_before = _kernel.evaluate(self.data, self.unknown, self.multipliers, self.work)
+        if self.nearby():
+            self.clock[_kernel.TRIAL] = delay
+            self.patience -= 1
+            if self.patience < 0:
+                raise NotConverged(
+                    f"no time step succeeds near t = {time:.9g}, though the shape is stable; use "
+                    "another number of segments or step",
+                    state=Shape(before),
+                )
+            return None
+        self.patience = PATIENCE
         direction = mode / np.max(np.abs(mode))
         for push in (PUSH, -PUSH, 3 * PUSH, -3 * PUSH, 9 * PUSH, -9 * PUSH):
             self.angles[:] = before
@@ -417,8 +446,8 @@ class Motion:
         The natural curvature relaxes toward what the light asks for, :math:`\partial_T K_0 = -(K_0 -
         K_r) + \Lambda f` (3.13), at equilibrium at every instant. Every step ends at a stable
         equilibrium; a step that cannot is halved until the instant at which stability is lost is
-        enclosed to 1e-9. There the curvature is frozen and the energy descends to another stable
-        shape.
+        enclosed within a change of the natural curvature of 2e-8. There the curvature is frozen
+        and the energy descends to another stable shape.
 
         Parameters
         ----------
