@@ -228,6 +228,24 @@ def test_reported_times_are_hit_exactly():
     assert history.table.x.to_numpy()[-2:] == pytest.approx(exact)
 
 
+def test_the_ends_may_be_reported_too():
+    history = run(hysteresis, VectorState([-1.0]), 0.2, 0.03, report_at=[0.0, 0.1, 0.2])
+    assert history.times.tolist() == [0.0, 0.1, 0.2]
+    assert history.kinds == ("start", "reported", "end")
+
+
+@pytest.mark.parametrize("beyond", [-1e-9, 0.0, 1e-9])
+def test_a_snap_at_a_reported_time_takes_its_place(beyond):
+    times = [0.1, HYSTERESIS_FOLD + beyond, 0.5]
+    history = run(hysteresis, VectorState([-1.0]), 1.0, 0.02, report_at=times)
+    (snap,) = history.events
+    assert abs(snap.time - HYSTERESIS_FOLD) <= snap.uncertainty + 1e-15  # rounding of the times
+    before, after = history.times[snap.row], history.times[snap.row + 1]
+    assert before == pytest.approx(times[1], abs=1e-6)
+    assert after == pytest.approx(times[1], abs=1e-6)
+    assert history.times[-2:].tolist() == [0.5, 1.0]
+
+
 def test_going_on_from_a_history_is_going_on():
     oscillator = Oscillator()
     whole = evolve(oscillator, *oscillator.begin(), until=2.5, step=0.05, outputs=X)
@@ -359,6 +377,9 @@ def test_a_faulty_march_is_not_trusted(fault, message):
         ({"max_steps": 0}, "max_steps"),
         ({"sign": 0}, "sign"),
         ({"report_at": [[1.0]]}, "report_at"),
+        ({"report_at": [0.5, 1.5]}, "report_at"),
+        ({"report_at": [-0.1]}, "report_at"),
+        ({"stop_when": lambda t, m, e: True}, "stop_when"),
         ({"memory": 5.0}, "equilibrium"),
         ({"equilibrium": 3}, "equilibrium"),
         ({"outputs": {"x": lambda t, m, e: e.state.x}}, "must return a number"),

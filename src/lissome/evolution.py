@@ -345,8 +345,10 @@ def evolve(
     time : float, optional
         Time at the beginning.
     report_at : array_like, optional
-        Times that are hit exactly. With it, the history holds these times, the snaps, the beginning
-        and the end; without it, it holds every step.
+        Times, from `time` to `until`, that are hit exactly. With it, the history holds these times,
+        the snaps, the beginning and the end; without it, it holds every step. A time that falls
+        between the two rows of a snap (within 1e-5 of `step`, as a rule) has no row of its own; if
+        it is `until`, the history ends with the snap, that much later.
     outputs : mapping of str to callable, optional
         Functions of time, memory and equilibrium that return a number; columns of the table.
     corrections : int, optional
@@ -364,7 +366,7 @@ def evolve(
     stop_when : callable, optional
         Function of time, memory and equilibrium, called after every step (after every march to a
         reported time if the march is compiled). A string that it returns ends the evolution and
-        becomes its `reason`.
+        becomes its `reason`; None goes on.
     max_steps : int, optional
         Number of accepted steps after which the attempt is given up.
     compiled : bool, optional
@@ -557,8 +559,14 @@ class _Evolution:
         self.events: list[Snap] = []
         self.values: dict[str, list[float]] = {name: [] for name in self.outputs}
         self.reason = "interrupted"
-        inside = [] if self.reports is None else sorted({float(t) for t in self.reports})
-        self.targets = [t for t in inside if time < t < self.until] + [self.until]
+        wanted = [] if self.reports is None else sorted({float(t) for t in self.reports})
+        outside = [t for t in wanted if not time <= t <= self.until]
+        if outside:
+            raise InvalidInput(
+                f"argument `report_at` has the time {outside[0]}; all must lie between `time` = "
+                f"{time} and `until` = {self.until}"
+            )
+        self.targets = [t for t in wanted if time < t < self.until] + [self.until]
         self.record("start")
 
     # -- results ----------------------------------------------------------------------------------
@@ -611,6 +619,11 @@ class _Evolution:
                     equilibrium = as_equilibrium(self.balanced)
                     said = self.stop_when(self.time, self.memory, equilibrium)
                 end = "end" if self.time == self.until else "reported"
+                if said is not None and not isinstance(said, str):
+                    raise InvalidInput(
+                        f"the function `stop_when` returned {said!r} at time {self.time:.8g}; it must "
+                        "return a reason in words, or None to go on"
+                    )
                 if said:
                     self.reason = said
                     self.record_new("end")
