@@ -28,6 +28,7 @@ from models import (
 )
 
 from lissome import DenseStructure, Equilibrium, equilibrate
+from lissome.equilibrium import relative_residual
 from lissome.errors import (
     InvalidInput,
     LissomeError,
@@ -420,6 +421,18 @@ def test_hessian_that_is_not_finite_is_reported():
         equilibrate(bad)
 
 
+def test_a_residual_that_is_not_a_number_is_not_small():
+    terms = np.ones(2), np.ones(1)
+    for place in range(2):
+        gradient = np.zeros(2)
+        gradient[place] = np.nan
+        assert np.isnan(relative_residual(gradient, np.ones(1), terms))
+    assert np.isnan(relative_residual(np.zeros(2), np.array([np.nan]), terms))
+    assert relative_residual(np.array([0.0, 1e-3]), np.zeros(1), terms) == pytest.approx(
+        1e-3, rel=2e-3
+    )
+
+
 def test_redundant_constraints_are_named():
     twice = quadratic(
         constraints=lambda x: [x[0] + x[1] - 1, x[0] - 3, 2 * x[0] + 2 * x[1] - 2],
@@ -468,6 +481,8 @@ def test_arguments_are_checked():
         equilibrate(fold(1.0), tolerance=0.0)
     with pytest.raises(InvalidInput, match="max_iterations"):
         equilibrate(fold(1.0), max_iterations=0)
+    with pytest.raises(InvalidInput, match="max_iterations"):
+        equilibrate(fold(1.0), max_iterations=2.7)
     with pytest.raises(InvalidInput, match="multipliers"):
         equilibrate(Strip(0.7), multipliers=[1.0])
     with pytest.raises(InvalidInput, match="unknowns"):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .equilibrium import Equilibrium, Iteration
+from .equilibrium import Equilibrium, Iteration, present, relative_residual
 from .errors import FactorizationError, InvalidInput, LissomeError
 from .factorization import Factorization, KKTMatrix
 from .structure import Evaluation
@@ -106,26 +106,6 @@ def gauge_of(structure: Any, state: Any) -> Array | None:
     """Return the generators of neutral motions, or None if there are none."""
     rows = np.asarray(structure.gauge(state), dtype=float)
     return rows if rows.shape[0] else None
-
-
-def relative_residual(
-    size: Array, multipliers: Array, evaluation: Evaluation, kkt: KKTMatrix
-) -> float:
-    """Return the largest unbalanced force or constraint relative to the terms summed in it.
-
-    The sizes of the terms come from the typical sizes of the unknowns and from the matrix `kkt`, which
-    may be that of a neighboring state.
-    """
-    terms = kkt.magnitude(size, multipliers)
-    worst = 0.0
-    for values, sizes in zip((evaluation.gradient, evaluation.constraints), terms, strict=True):
-        assert values is not None
-        if values.size:
-            sizes = np.maximum(sizes, EPS * np.max(sizes))
-            with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = np.where(values == 0, 0.0, np.abs(values) / sizes)
-            worst = max(worst, float(np.max(ratio)))
-    return worst
 
 
 def _evaluate(structure: Any, state: Any, multipliers: Array) -> tuple[Any, Factorization]:
@@ -269,7 +249,8 @@ def _iterate(
     previous = np.inf
     for number in range(max_iterations + 1):
         evaluation, factors = _evaluate(structure, state, multipliers)
-        residual = relative_residual(size, multipliers, evaluation, evaluation.kkt)
+        terms = evaluation.kkt.magnitude(size, multipliers)
+        residual = relative_residual(evaluation.gradient, evaluation.constraints, terms)
         contracts = True
         if factors.inertia[2]:
             if residual > noise:
@@ -363,7 +344,8 @@ def _with_last_correction(
     evaluation = structure.evaluate(state, multipliers, 1)
     if not np.isfinite(evaluation.energy):
         return None
-    left = relative_residual(typical_size(structure, state), multipliers, evaluation, kkt)
+    terms = kkt.magnitude(typical_size(structure, state), multipliers)
+    left = relative_residual(evaluation.gradient, evaluation.constraints, terms)
     if not left < residual:
         return None
     return structure, state, multipliers, parameter, evaluation.energy, left
@@ -542,9 +524,3 @@ def as_equilibrium(balanced: Balanced, *, factors: bool = False) -> Equilibrium:
         result.__dict__["evaluation"] = balanced.evaluation
         result.__dict__["factorization"] = balanced.factorization
     return present(result)
-
-
-def present(equilibrium: Equilibrium) -> Equilibrium:
-    """Return the structure's own view of an equilibrium, if it has one."""
-    own = getattr(equilibrium.structure, "present", None)
-    return equilibrium if own is None else own(equilibrium)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from . import _archive
-from ._corrector import present, relative_residual, typical_size
-from .equilibrium import Equilibrium
+from ._corrector import typical_size
+from .equilibrium import Equilibrium, present, relative_residual
 from .errors import DataError
 
 
@@ -60,9 +60,9 @@ def fits(equilibrium: Equilibrium) -> bool:
     structure, state = equilibrium.structure, equilibrium.state
     here = structure.evaluate(state, equilibrium.multipliers, 2)
     assert here.kkt is not None
-    found = relative_residual(
-        typical_size(structure, state), equilibrium.multipliers, here, here.kkt
-    )
+    assert here.gradient is not None
+    terms = here.kkt.magnitude(typical_size(structure, state), equilibrium.multipliers)
+    found = relative_residual(here.gradient, here.constraints, terms)
     noise = float(structure.noise(state))
     return found <= max(100 * equilibrium.residual, 1e3 * noise, 1e-9)
 

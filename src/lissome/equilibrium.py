@@ -17,6 +17,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._validate import integer_at_least
 from .errors import (
     FactorizationError,
     InvalidInput,
@@ -177,6 +178,32 @@ def _finite(evaluation: Evaluation) -> bool:
     )
 
 
+def relative_residual(gradient: Array, constraints: Array, terms: tuple[Array, Array]) -> float:
+    """Return the largest residual relative to the terms summed in its component.
+
+    Parameters
+    ----------
+    gradient, constraints : ndarray, shapes (n,) and (m,)
+        What should vanish.
+    terms : (ndarray (n,), ndarray (m,))
+        Sizes of the terms that are summed in them (``KKTMatrix.magnitude``).
+    """
+    worst = 0.0
+    for values, sizes in zip((gradient, constraints), terms, strict=True):
+        if values.size:
+            size = np.abs(values)
+            total = np.maximum(sizes, EPS * np.max(sizes)) + size
+            largest = np.max(size / np.where(total > 0, total, 1.0))
+            worst = float(np.maximum(worst, largest))  # unlike `max`, it lets no NaN go
+    return worst
+
+
+def present(equilibrium: Equilibrium) -> Equilibrium:
+    """Return the structure's own view of an equilibrium, if it has one."""
+    own = getattr(equilibrium.structure, "present", None)
+    return equilibrium if own is None else own(equilibrium)
+
+
 def redundant_constraints(structure: Any, kkt: KKTMatrix, gauge: Array, metric: Array) -> list[int]:
     """Return the rows of Jacobian and gauge that depend linearly on earlier ones."""
     rows = np.vstack([kkt.jacobian_rows(), gauge]) / np.sqrt(metric)
@@ -268,27 +295,15 @@ class _Solver:
         self.gauge = np.asarray(structure.gauge(self.state), dtype=float).reshape(-1, n)
         self.typical = np.broadcast_to(np.asarray(structure.typical(self.state), dtype=float), (n,))
         self.noise = float(structure.noise(self.state))
-        self.force_terms, self.constraint_terms = self.kkt.magnitude(self.typical, self.multipliers)
-        self.residual = self.relative_residual(self.gradient, self.constraints)
+        self.terms = self.kkt.magnitude(self.typical, self.multipliers)
+        self.force_terms, self.constraint_terms = self.terms
+        self.residual = relative_residual(self.gradient, self.constraints, self.terms)
         sizes = self.force_terms + np.abs(self.gradient)
         self.largest_force = np.maximum(self.largest_force, sizes)
         try:
             self.plain: Factorization | None = self.kkt.factorize(0.0, self.gauge, self.metric)
         except FactorizationError:
             self.plain = None
-
-    def relative_residual(self, gradient: Array, constraints: Array) -> float:
-        """Return the largest residual relative to the terms summed in its component."""
-        worst = 0.0
-        for values, terms in (
-            (gradient, self.force_terms),
-            (constraints, self.constraint_terms),
-        ):
-            if values.size:
-                size = np.abs(values)
-                total = np.maximum(terms, EPS * np.max(terms)) + size
-                worst = max(worst, float(np.max(size / np.where(total > 0, total, 1.0))))
-        return worst
 
     def magnitude(self, dx: Array) -> float:
         """Return the size of an increment relative to the typical unknowns."""
@@ -578,7 +593,7 @@ class _Solver:
             new = self.structure.evaluate(new_state, mult + dmult, 1)
             if _finite(new):
                 assert new.gradient is not None
-                new_residual = self.relative_residual(new.gradient, new.constraints)
+                new_residual = relative_residual(new.gradient, new.constraints, self.terms)
                 if new_residual > 100 * self.noise:
                     # At a regular root corrections shrink quadratically; at a double one by 1/2.
                     after, _ = self.plain.solve(-new.gradient, -new.constraints)
@@ -613,8 +628,7 @@ class _Solver:
         if not polished:
             result.__dict__["evaluation"] = self.evaluation
             result.__dict__["factorization"] = self.plain
-        present = getattr(self.structure, "present", None)
-        return result if present is None else present(result)
+        return present(result)
 
     def correction_at_hand(self) -> tuple[Array | None, Array | None, float, bool]:
         """Return the plain Newton correction, its size, and whether the multipliers have settled."""
@@ -734,7 +748,8 @@ class _Solver:
                 if _finite(trial):
                     assert trial.gradient is not None
                     d2, _ = self.plain.solve(-trial.gradient, -trial.constraints)
-                    near = self.relative_residual(trial.gradient, trial.constraints) <= self.noise
+                    left = relative_residual(trial.gradient, trial.constraints, self.terms)
+                    near = left <= self.noise
                     if near or np.sqrt(d2 @ (self.metric * d2)) <= (1 - 0.25 * step) * size:
                         break
                 step *= 0.5
@@ -839,8 +854,7 @@ def equilibrate(
     tol = DEFAULT_TOLERANCE if tolerance is None else float(tolerance)
     if not 0 < tol < 1:
         raise InvalidInput(f"argument `tolerance` is {tolerance}; it must lie in (0, 1)")
-    if int(max_iterations) < 1:
-        raise InvalidInput(f"argument `max_iterations` is {max_iterations}; it must be at least 1")
+    max_iterations = integer_at_least("max_iterations", max_iterations, 1)
     state = structure.start() if start is None else structure.adopt(start)
     m = structure.constraints_count
     if multipliers is None:
@@ -851,7 +865,7 @@ def equilibrate(
             raise InvalidInput(
                 f"argument `multipliers` has shape {guess.shape}; it must hold {m} finite numbers"
             )
-    solver = _Solver(structure, state, guess, tol, int(max_iterations), on_iteration)
+    solver = _Solver(structure, state, guess, tol, max_iterations, on_iteration)
     correct = getattr(structure, "correct", None)
     if correct is not None:
         fast_state, fast_mult, status = correct(state, guess, tol)
