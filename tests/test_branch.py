@@ -827,6 +827,18 @@ def test_a_checkpoint_of_another_call_is_refused(tmp_path):
     assert len(longer.value.branch) == 10
 
 
+def test_a_checkpoint_of_another_beginning_is_refused(tmp_path):
+    path = tmp_path / "run.npz"
+    left, right = (ls.equilibrate(hysteresis(0.0, x)) for x in (-1.0, 1.0))
+    options = {"start": 0.0, "stop": 0.3, "checkpoint": path}
+    branch = follow(hysteresis, initial=left, **options)
+    again = follow(hysteresis, initial=left, **options)
+    assert unknown(again.equilibria[-1]) == unknown(branch.equilibria[-1]) < 0
+    for other in (right, right.state, None):
+        with pytest.raises(InvalidInput, match="initial"):
+            follow(hysteresis, initial=other, **options)
+
+
 # ---- bad input --------------------------------------------------------------------------------------
 
 

@@ -7,6 +7,7 @@ is killed leaves either the old file or the new one.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import os
 import zipfile
@@ -75,6 +76,14 @@ def pack_values(prefix: str, values: Sequence[Any]) -> dict[str, NDArray[Any]]:
         for item in dataclasses.fields(first)
         if item.init
     }
+
+
+def digest(value: Any) -> str:
+    """Return the digest of a value that :func:`pack_values` can pack."""
+    found = hashlib.sha256()
+    for name, array in pack_values("", [value]).items():
+        found.update(f"{name}:{array.dtype.str}:{array.shape}:".encode() + array.tobytes())
+    return found.hexdigest()
 
 
 def unpack_values(prefix: str, arrays: dict[str, NDArray[Any]], like: Any, count: int) -> list[Any]:

@@ -209,6 +209,7 @@ class _Settings:
     eigenvalues: bool
     outputs: tuple[str, ...]
     scale: float  # of the unknowns
+    initial: str = ""  # digest of the state to begin from, where there is a checkpoint
 
     @property
     def range(self) -> float:
@@ -457,7 +458,9 @@ def follow(
         the Lagrangian and of the constraints with respect to the parameter, shapes (n,) and (m,). By
         default they are found by differences, which costs two evaluations for each step.
     checkpoint : path, optional
-        File that is written as the branch grows. If it exists, the same call goes on from it.
+        File that is written as the branch grows. If it exists, the same call goes on from it; a call
+        with other arguments is refused, and a family of other constants as soon as the last state
+        is no equilibrium of it.
     checkpoint_every : float, optional
         Seconds between two writings.
 
@@ -520,6 +523,8 @@ def follow(
         event_tolerance=event_tolerance, overshoot=overshoot, eigenvalues=eigenvalues, scale=scale,
         outputs=outputs,
     )  # fmt: skip
+    if checkpoint is not None and initial is not None:
+        settings = replace(settings, initial=_archive.digest(seed))
     follower = _Follower(
         family, settings, outputs, None if checkpoint is None else Path(checkpoint),
         positive("checkpoint_every", checkpoint_every), residual_derivative,
