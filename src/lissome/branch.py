@@ -421,7 +421,7 @@ def follow(
         comes to `stop`, even if it turned on the way.
     report_at : array_like, optional
         Parameter values at which states are wanted. They are hit exactly, every time the branch
-        passes them.
+        passes them. (A snap passes what lies within its `overshoot` without a row of its own.)
     on_fold : {"turn", "snap", "stop"}
         ``"turn"``: follow the smooth curve, around folds and through bifurcations; rows say what is
         stable. ``"stop"``: end at the first fold, or at the first bifurcation where stability is lost.
@@ -449,7 +449,8 @@ def follow(
     overshoot : float, optional
         How far beyond a loss of stability a snap happens, relative to the interval.
     eigenvalues : bool, optional
-        Whether the table has the smallest eigenvalue of each state; otherwise NaN.
+        Whether the table has the smallest eigenvalue of each state; otherwise NaN. Where it comes
+        near zero, steps are looked at more closely: without it more can go unseen (see Notes).
     scale : float, optional
         Size X of the unknowns, in the metric norm, that counts as much as the whole interval of the
         parameter; by default the structure's typical sizes.
