@@ -121,6 +121,13 @@ def test_no_copy_of_a_multiple_eigenvalue_is_missed(multiplicity):
     np.testing.assert_allclose(spectrum.values, np.sort(values)[: multiplicity + 1])
 
 
+@pytest.mark.parametrize("structure", [Strip(0.7, 30), HangingChain(0.6, 10)])
+def test_the_floor_belongs_to_the_lowest_eigenvalue(structure):
+    found = equilibrate(structure)
+    one, several = (smallest_eigenvalue(found, count=count) for count in (1, 5))
+    assert several.floor == pytest.approx(one.floor, rel=1e-6)
+
+
 @pytest.mark.parametrize(
     "make",
     [lambda n: Column(4.0, n, tip_angle=1.0), lambda n: Strip(0.7, n)],

@@ -288,6 +288,14 @@ def smallest_eigenvalue(
     if factor is None or not factor.is_minimum:
         factor, shift = _positive_shift(kkt, gauge, metric)
     zero = np.zeros(kkt.m)
+    noise = float(structure.noise(state))
+
+    def rounding(value: float, mode: Array) -> float:
+        """Return the round-off error of an eigenvalue: of the terms that its mode sums."""
+        _, forces = factor.solve(metric * mode)  # multipliers over the shifted eigenvalue
+        terms, _ = kkt.magnitude(mode, forces * (value + shift))
+        return noise * float(np.abs(mode) @ terms)
+
     modes = np.zeros((0, kkt.n))
     for seed in range(count + 8):
         _, new = _lanczos(factor, metric, count, modes, seed, tolerance)
@@ -297,10 +305,7 @@ def smallest_eigenvalue(
         if len(values) < count:
             continue
         # Residual and rounding of the last value bound how far below it one has to look.
-        _, mult = factor.solve(metric * modes[-1])
-        inverse = 1.0 / (values[-1] + shift)
-        force, _ = kkt.magnitude(modes[-1], mult / inverse)
-        floor = float(structure.noise(state)) * float(np.abs(modes[-1]) @ force)
+        floor = rounding(float(values[-1]), modes[-1])
         margin = 1e-6 * max(abs(values[-1]), abs(values[0]), 1e-3 * abs(values[-1] + shift))
         margin = max(margin, 4 * floor)
         below = values[-1] - margin
@@ -309,9 +314,7 @@ def smallest_eigenvalue(
         except FactorizationError:
             index = kkt.factorize(-(below - margin), gauge, metric).index
         if index == np.count_nonzero(values < below):
-            force, _ = kkt.magnitude(modes[0], mult / inverse)
-            floor = float(structure.noise(state)) * float(np.abs(modes[0]) @ force)
-            return Spectrum(values, modes, floor)
+            return Spectrum(values, modes, rounding(float(values[0]), modes[0]))
     raise NotConverged(
         f"the inertia finds eigenvalues below the {count} smallest of the Lanczos iteration "
         f"({values}); they are too near to each other, or below the round-off floor"
