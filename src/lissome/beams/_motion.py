@@ -31,6 +31,8 @@ RESOLUTION = 2e-8  # change of the natural curvature within which a loss of stab
 # Steps are shortened where the flux bends more in time than this (see `_kernel.march`).
 BENDING = 1.0
 PUSH = 0.05  # radians, along the critical mode of a snap
+# Smallest eigenvalue that the equilibrium equations, solved to rounding errors, resolve with certainty.
+RESOLVED = 2e-5
 NEAR = 1e-3  # radians: the equilibrium just after is nearer than this, if it exists
 PATIENCE = 500  # losses of stability in a row that are none
 SNAP_DISTANCE = 0.05  # radians: a loss of stability that moves the shape less is no jump
@@ -126,7 +128,10 @@ class Runner:
         self.clock[_kernel.COS] = 1.0
         self.clock[_kernel.TIME] = time
         hold = structure.hold if isinstance(structure, Ring) else 0.0
-        self.tolerance = residual_floor(structure.segments)
+        largest = max(float(np.max(np.abs(a))) for a in (self.curvature, self.natural))
+        if isinstance(light, ParallelLight):
+            largest += abs(structure.response) * light.intensity
+        self.tolerance = residual_floor(structure.segments, largest)
         self.resolution = resolution
         self.step = step
         self.options = _kernel.Options(
@@ -259,7 +264,7 @@ class Runner:
         self.curvature += -math.expm1(-delay) * (target - self.curvature)
         self.clock[_kernel.TIME] += delay
         energy_before = _kernel.evaluate(self.data, self.unknown, self.multipliers, self.work)
-        if self.nearby():
+        if eigenvalue > RESOLVED and self.nearby():
             self.clock[_kernel.TRIAL] = delay
             self.patience -= 1
             if self.patience < 0:
@@ -271,7 +276,10 @@ class Runner:
             return None
         self.patience = PATIENCE
         direction = mode / np.max(np.abs(mode))
+        beside: tuple[float, Array, Array, Array] | None = None
         for push in (PUSH, -PUSH, 3 * PUSH, -3 * PUSH, 9 * PUSH, -9 * PUSH):
+            if beside is not None and abs(push) > PUSH:
+                break  # a far push might throw a stable shape over a barrier
             self.angles[:] = before
             self.unknown[:] += push * direction
             self.multipliers[:] = forces
@@ -280,9 +288,16 @@ class Runner:
                 distance = float(np.max(np.abs(self.angles - before)))
                 if status == 0 or distance < 0.7 * abs(push):
                     break  # done, or on the way back
-            if status == 0:
+            if status == 0 and distance > SNAP_DISTANCE:
+                beside = None
                 break
-        else:
+            if status == 0 and beside is None:
+                beside = distance, self.angles.copy(), self.multipliers.copy(), self.clock.copy()
+            distance = 0.0
+        if beside is not None:  # a stable shape grows out of the old one, without a jump
+            distance = beside[0]
+            self.angles[:], self.multipliers[:], self.clock[:] = beside[1:]
+        elif distance == 0.0:
             raise NotConverged(
                 f"stability is lost at t = {time:.9g}, but the descent from there found no stable "
                 "shape; use more segments or another step",

@@ -276,7 +276,7 @@ class Elastica(BaseStructure):
             angles[chain.first : chain.last],
             forces,
             data,
-            residual_floor(self.segments),
+            residual_floor(self.segments, float(np.max(np.abs(self.spontaneous)))),
             12,
             0.5,
             work,
@@ -310,9 +310,13 @@ class Elastica(BaseStructure):
         return Motion(self, light)
 
 
-def residual_floor(segments: int) -> float:
-    """Residual below which Newton's method stops: some ten times the rounding errors."""
-    return 2e-14 * max(segments, 50)
+def residual_floor(segments: int, curvature: float) -> float:
+    """Residual below which Newton's method stops: some twenty times the rounding errors.
+
+    They are those of the differences of angles times the number of segments, and of the natural
+    curvature (its largest modulus).
+    """
+    return 4e-15 * (max(segments, 50) + curvature)
 
 
 @dataclass(frozen=True, eq=False)

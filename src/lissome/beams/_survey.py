@@ -153,6 +153,8 @@ def flapping(
             snap = runner.snap()
             if snap is None:
                 continue
+            if snap.kind != "snap":
+                continue
             count += 1
             seen.append(snap)
             if len(seen) > 17:
