@@ -203,7 +203,7 @@ def test_corrector_converges_to_a_minimum_near_by():
     loads = 0.1 * np.random.default_rng(5).normal(size=n)
     x, multipliers = np.ones(n), np.zeros(1)
     work = td.chain_work(n, 1)
-    result = correct(x, multipliers, (loads, 28.0, 1.0), 1e-12, 12, 10.0, work)
+    result = correct(x, multipliers, (loads, 28.0, 1.0), 1e-12, 12.0, 10.0, work)
     status, steps, _, residual, _, positive, negative, zero, _ = result
     assert status == td.CONVERGED
     assert steps <= 7
@@ -220,9 +220,9 @@ def test_corrector_says_when_it_is_lost():
     def status(x, tolerance, limit, longest, load=loads, total=0.0):
         return correct(x, np.zeros(1), (load, total, 1.0), tolerance, limit, longest, work)[0]
 
-    assert status(np.full(5, np.nan), 1e-12, 5, 1.0) == td.LOST
-    assert status(np.full(5, 1e3), 1e-12, 5, 1.0) == td.LOST
-    assert status(np.full(5, 10.0), 1e-300, 2, 1e6, np.arange(5.0), 40.0) == td.SLOW
+    assert status(np.full(5, np.nan), 1e-12, 5.0, 1.0) == td.LOST
+    assert status(np.full(5, 1e3), 1e-12, 5.0, 1.0) == td.LOST
+    assert status(np.full(5, 10.0), 1e-300, 2.0, 1e6, np.arange(5.0), 40.0) == td.SLOW
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -339,7 +339,8 @@ def factorize(work):
         # and one positive pivot.
         columns[i, m] = 0.0
     columns[n - 1, m] = -1.0
-    _solve_band(band, columns, 0, k)
+    # Not the literal 0: numba compiles a function once more for each literal among its arguments.
+    _solve_band(band, columns, k - k, k)
     for i in range(k):
         for j in range(i + 1):
             total = 0.0
@@ -542,8 +543,8 @@ def make_solvers(evaluate):
             Passed on.
         tolerance : float
             On the largest modulus in gradient and constraints; not below their rounding errors.
-        limit : int
-            Newton steps allowed.
+        limit : float
+            Newton steps allowed (a float: numba compiles anew for each literal integer).
         longest : float
             Longest step (largest modulus) allowed; beyond it the guess was not near.
         work : ChainWork
@@ -637,7 +638,7 @@ def make_solvers(evaluate):
                 good = negative == m and zero == 0
                 if closing and good:
                     status, _, energy, residual, _, _, negative, zero, _ = correct(
-                        x, multipliers, data, tolerance, 12, longest, work
+                        x, multipliers, data, tolerance, 12.0, longest, work
                     )
                     if status == CONVERGED and negative == m and zero == 0:
                         return CONVERGED, iteration, energy, residual

@@ -444,7 +444,7 @@ def march(
                 multipliers,
                 data,
                 np.inf if begun else options.tolerance,
-                12,
+                12.0,
                 0.5,
                 work,
             )
@@ -505,7 +505,7 @@ def march(
                 for j in range(chain.first, chain.last):
                     angles[j] += again * nodes[CORRECTION, j]
             status, _, energy, residual, raised, _, negative, zero, _ = correct(
-                x, multipliers, data, options.tolerance, 12, 0.5, work
+                x, multipliers, data, options.tolerance, 12.0, 0.5, work
             )
             if stage == 0:
                 for j in range(angles.size):

@@ -234,7 +234,7 @@ class Runner:
         """Move to the stable equilibrium beside the present shape, if there is one."""
         angles, forces = self.angles.copy(), self.multipliers.copy()
         status, _, energy, residual, _, _, negative, zero, _ = _kernel.correct(
-            self.unknown, self.multipliers, self.data, self.tolerance, 12, NEAR, self.work
+            self.unknown, self.multipliers, self.data, self.tolerance, 12.0, NEAR, self.work
         )
         moved = float(np.max(np.abs(self.angles - angles)))
         if status == 0 and negative == 2 and zero == 0 and moved < NEAR:

@@ -277,7 +277,7 @@ class Elastica(BaseStructure):
             forces,
             data,
             residual_floor(self.segments, float(np.max(np.abs(self.spontaneous)))),
-            12,
+            12.0,
             0.5,
             work,
         )
