@@ -505,7 +505,7 @@ def test_points_that_return_different_names_are_refused():
 
 
 INTERRUPTED = """
-    import os, sys, time, lissome
+    import os, signal, sys, time, lissome
     from pathlib import Path
     def slow(n):
         if n == int(sys.argv[1]):
@@ -515,6 +515,8 @@ INTERRUPTED = """
             log.write(f"{n}\\n")
         return {"square": n * n, "twice": 2 * n}
     if __name__ == "__main__":
+        # Whoever runs the tests in the background may have told all children to ignore SIGINT.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         frame = lissome.sweep(slow, {"n": range(8)}, EXECUTOR, "cache")
         print(frame.attrs["sweep"]["computed"], frame["square"].tolist())
 """

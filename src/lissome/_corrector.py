@@ -351,54 +351,6 @@ def _with_last_correction(
     return structure, state, multipliers, parameter, evaluation.energy, left
 
 
-def residual_slope(
-    family: Family,
-    parameter: float,
-    state: Any,
-    multipliers: Array,
-    scale: float,
-    exact: Slope | None = None,
-) -> tuple[Array, Array]:
-    """Return the derivatives of gradient and constraints with respect to the parameter.
-
-    Without the `exact` function: differences of the family, of second order, on one side where the
-    family refuses the other side as invalid. Prescribed support values move along.
-    """
-    if exact is not None:
-        force, closure = exact(parameter, state, multipliers)
-        return np.asarray(force, dtype=float), np.asarray(closure, dtype=float)
-
-    def residual(p: float) -> tuple[Array, Array]:
-        structure = family(p)
-        here = structure.evaluate(structure.adopt(state), multipliers, 1)
-        return here.gradient, here.constraints
-
-    # Far from p = 0 the rounding of p itself asks for a longer step.
-    h = EPS ** (1.0 / 3.0) * max(scale, 1e-3 * abs(parameter))
-    sides: list[tuple[float, tuple[Array, Array]]] = []
-    refusal: InvalidInput | None = None
-    for side in (1.0, -1.0):
-        try:
-            place = parameter + side * h
-            sides.append((place - parameter, residual(place)))
-        except InvalidInput as error:
-            refusal = error
-    if len(sides) == 1:
-        far = parameter + 2.0 * sides[0][0]
-        sides += [(far - parameter, residual(far)), (0.0, residual(parameter))]
-        (a, near), (b, further), (_, here) = sides
-        weights = (b / (a * (b - a)), -a / (b * (b - a)))
-        first, second = (
-            weights[0] * (near[i] - here[i]) + weights[1] * (further[i] - here[i]) for i in (0, 1)
-        )
-        return first, second
-    if not sides:
-        assert refusal is not None
-        raise refusal
-    (a, ahead), (b, back) = sides
-    return (ahead[0] - back[0]) / (a - b), (ahead[1] - back[1]) / (a - b)
-
-
 def critical_modes(
     balanced: Balanced, count: int, guess: Array | None = None, iterations: int = 12
 ) -> tuple[Array, Array]:

@@ -52,7 +52,6 @@ from ._corrector import (
     critical_modes,
     lowest_of_stable,
     member,
-    residual_slope,
     typical_size,
 )
 from ._descent import descend
@@ -66,6 +65,7 @@ from .errors import (
     NotConverged,
     StabilityNotResolvable,
 )
+from .sensitivities import implicit_derivative, residual_slope
 from .stability import smallest_eigenvalue
 
 __all__ = ["Branch", "BranchInterrupted", "Event", "follow"]
@@ -704,7 +704,7 @@ class _Follower:
             self.family, parameter, balanced.state, balanced.multipliers, self.settings.range,
             self.derivative,
         )  # fmt: skip
-        dx, dm = balanced.factorization.solve(-slope[0], -slope[1])
+        dx, dm = implicit_derivative(balanced.factorization, *slope)
         metric = self._metric(balanced)
         length = self._norm(metric, dx, 1.0)
         if self._inner(metric, dx, 1.0, *along) < 0:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .equilibrium import Equilibrium
 from .errors import InvalidInput
+from .factorization import Factorization
 
 __all__ = ["Output", "Sensitivity", "sensitivity"]
 
@@ -84,6 +85,76 @@ def _difference(function: Callable[[float], Any], step: float) -> Any:
     near = np.asarray(function(step)) - np.asarray(function(-step))
     far = np.asarray(function(2 * step)) - np.asarray(function(-2 * step))
     return (8.0 * near - far) / (12.0 * step)
+
+
+def implicit_derivative(
+    factorization: Factorization, force: Array, closure: Array
+) -> tuple[Array, Array]:
+    """Return the derivatives of state and multipliers, given those of the residual.
+
+    The implicit function theorem: for :func:`sensitivity`, and for the tangent of
+    :func:`lissome.follow`.
+
+    Parameters
+    ----------
+    factorization : Factorization
+        Of the KKT matrix at the equilibrium.
+    force, closure : ndarray, shapes (n,) and (m,), or (n, k) and (m, k)
+        Derivatives of gradient and constraints with respect to the parameters.
+
+    Returns
+    -------
+    state, multipliers : ndarray, of the same shapes
+    """
+    return factorization.solve(-force, -closure)
+
+
+def residual_slope(
+    family: Callable[[float], Any],
+    parameter: float,
+    state: Any,
+    multipliers: Array,
+    scale: float,
+    exact: Callable[[float, Any, Array], tuple[ArrayLike, ArrayLike]] | None = None,
+) -> tuple[Array, Array]:
+    """Return the derivatives of gradient and constraints with respect to the parameter.
+
+    Without the `exact` function: differences of the family, of second order, on one side where the
+    family refuses the other side as invalid. Prescribed support values move along.
+    """
+    if exact is not None:
+        force, closure = exact(parameter, state, multipliers)
+        return np.asarray(force, dtype=float), np.asarray(closure, dtype=float)
+
+    def residual(p: float) -> tuple[Array, Array]:
+        structure = family(p)
+        here = structure.evaluate(structure.adopt(state), multipliers, 1)
+        return here.gradient, here.constraints
+
+    # Far from p = 0 the rounding of p itself asks for a longer step.
+    h = EPS ** (1.0 / 3.0) * max(scale, 1e-3 * abs(parameter))
+    sides: list[tuple[float, tuple[Array, Array]]] = []
+    refusal: InvalidInput | None = None
+    for side in (1.0, -1.0):
+        try:
+            place = parameter + side * h
+            sides.append((place - parameter, residual(place)))
+        except InvalidInput as error:
+            refusal = error
+    if len(sides) == 1:
+        far = parameter + 2.0 * sides[0][0]
+        sides += [(far - parameter, residual(far)), (0.0, residual(parameter))]
+        (a, near), (b, further), (_, here) = sides
+        weights = (b / (a * (b - a)), -a / (b * (b - a)))
+        first, second = (
+            weights[0] * (near[i] - here[i]) + weights[1] * (further[i] - here[i]) for i in (0, 1)
+        )
+        return first, second
+    if not sides:
+        assert refusal is not None
+        raise refusal
+    (a, ahead), (b, back) = sides
+    return (ahead[0] - back[0]) / (a - b), (ahead[1] - back[1]) / (a - b)
 
 
 def _refuse_hidden(
@@ -332,7 +403,7 @@ def sensitivity(
         return float(values[0]) if scalar else values
 
     if mode == "direct":
-        dx, dm = factor.solve(-dg, -dc)
+        dx, dm = implicit_derivative(factor, dg, dc)
         for name, output in named.items():
             moved = [along(name, output, dx[:, i], dm[:, i]) for i in range(k)]
             results[name] = finished(explicit(name, output) + np.array(moved))
