@@ -35,7 +35,7 @@ from lissome.errors import (
     NotConverged,
     StabilityNotResolvable,
 )
-from lissome.structure import BaseStructure, Evaluation, VectorState
+from lissome.structure import BaseStructure, Corrected, Evaluation, VectorState
 
 # ---- closed forms ---------------------------------------------------------------------------------
 
@@ -334,8 +334,7 @@ def test_local_corrector_is_used_and_checked():
     class Quick(Column):
         def correct(self, state, multipliers, tolerance):
             calls.append(tolerance)
-            saddle = VectorState(np.zeros(self.size))
-            return saddle, multipliers, 0
+            return Corrected(VectorState(np.zeros(self.size)), multipliers)
 
     stable = equilibrate(Quick(1.0, tip_angle=0.3))
     assert calls == [1e-9]

@@ -28,7 +28,7 @@ from .errors import (
 )
 from .factorization import Factorization, KKTMatrix
 from .stability import lowest_mode, softest_mode
-from .structure import Evaluation, Structure, save_state
+from .structure import Corrected, Evaluation, Structure, save_state
 
 __all__ = ["Equilibrium", "Iteration", "equilibrate"]
 
@@ -270,11 +270,16 @@ class _Solver:
 
     # ---- one point -------------------------------------------------------------------------------
 
-    def evaluate(self) -> None:
-        """Evaluate everything at the current point and factor the matrix without shift."""
+    def evaluate(self, given: Corrected | None = None) -> None:
+        """Evaluate everything at the current point and factor the matrix without shift.
+
+        What a corrector has made there need not be made again.
+        """
         structure = self.structure
-        self.evaluation = structure.evaluate(self.state, self.multipliers, 2)
-        evaluation = self.evaluation
+        evaluation = given.evaluation if given is not None else None
+        if evaluation is None:
+            evaluation = structure.evaluate(self.state, self.multipliers, 2)
+        self.evaluation = evaluation
         n, m = structure.size, structure.constraints_count
         if evaluation.gradient is None or evaluation.kkt is None:
             raise InvalidInput("`structure.evaluate` returned no gradient or KKT matrix at order 2")
@@ -300,10 +305,12 @@ class _Solver:
         self.residual = relative_residual(self.gradient, self.constraints, self.terms)
         sizes = self.force_terms + np.abs(self.gradient)
         self.largest_force = np.maximum(self.largest_force, sizes)
-        try:
-            self.plain: Factorization | None = self.kkt.factorize(0.0, self.gauge, self.metric)
-        except FactorizationError:
-            self.plain = None
+        self.plain: Factorization | None = given.factorization if given is not None else None
+        if self.plain is None:
+            try:
+                self.plain = self.kkt.factorize(0.0, self.gauge, self.metric)
+            except FactorizationError:
+                self.plain = None
 
     def magnitude(self, dx: Array) -> float:
         """Return the size of an increment relative to the typical unknowns."""
@@ -868,10 +875,10 @@ def equilibrate(
     solver = _Solver(structure, state, guess, tol, max_iterations, on_iteration)
     correct = getattr(structure, "correct", None)
     if correct is not None:
-        fast_state, fast_mult, status = correct(state, guess, tol)
-        if status == 0:
-            solver.state, solver.multipliers = fast_state, np.asarray(fast_mult, dtype=float)
-            solver.evaluate()
+        fast = correct(state, guess, tol)
+        if fast is not None:
+            solver.state, solver.multipliers = fast.state, np.asarray(fast.multipliers, dtype=float)
+            solver.evaluate(fast)
             if require == "any" or (solver.plain is not None and solver.plain.is_minimum):
                 dx, dmult, correction, settled = solver.correction_at_hand()
                 if (correction <= tol and settled) or solver.residual <= solver.noise:

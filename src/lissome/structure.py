@@ -24,10 +24,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import DataError, InvalidInput
-from .factorization import DenseKKT, KKTMatrix
+from .factorization import DenseKKT, Factorization, KKTMatrix
 
 __all__ = [
     "BaseStructure",
+    "Corrected",
     "DenseStructure",
     "Evaluation",
     "Structure",
@@ -62,11 +63,46 @@ class Evaluation:
     kkt: KKTMatrix | None = None
 
 
+@dataclass(frozen=True)
+class Corrected:
+    """What a structure's own corrector hands over to :func:`lissome.equilibrate`.
+
+    Attributes
+    ----------
+    state : object
+        A stationary point near the start, or a state that one Newton correction takes there.
+    multipliers : ndarray, shape (m,)
+        The multipliers there.
+    evaluation : Evaluation, optional
+        What ``evaluate(state, multipliers, 2)`` returns; evaluated anew if it is missing.
+    factorization : Factorization, optional
+        Of ``evaluation.kkt``, without shift and with the rows of ``gauge(state)``; factored anew
+        if it is missing.
+    iterations : int
+        Number of corrections that were made.
+    """
+
+    state: Any
+    multipliers: Array
+    evaluation: Evaluation | None = None
+    factorization: Factorization | None = None
+    iterations: int = 0
+
+
 @runtime_checkable
 class Structure(Protocol):
     """What the solvers ask of a structure. Structures are immutable values.
 
     Vectors `dx` are tangent vectors of the manifold of states: increments of the `size` unknowns.
+
+    Two methods are optional. ``present(equilibrium)`` returns the structure's own subclass of
+    :class:`~lissome.equilibrium.Equilibrium`. ``correct(state, multipliers, tolerance)`` is a fast
+    corrector: it returns a nearby stationary point as :class:`Corrected`, or None if it does not get
+    to one. :func:`lissome.equilibrate` calls it once, before its own descent, with the start and a
+    guess of the multipliers, and judges balance and stability of what it returns like those of any
+    state: the corrector may hand over the evaluation and the factors that it has made there, but not a
+    verdict. It may stop where the next Newton correction is within `tolerance` (relative to
+    ``typical``), without applying it; that correction is still made.
     """
 
     @property

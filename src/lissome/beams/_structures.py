@@ -25,7 +25,7 @@ from .._validate import (
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
 from ..factorization import TridiagonalKKT
-from ..structure import EPS, BaseStructure, Evaluation
+from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
 from .light import Light
 
@@ -258,10 +258,11 @@ class Elastica(BaseStructure):
         kkt = TridiagonalKKT(work.band[DIAGONAL], work.band[OFF_DIAGONAL, :-1], work.rows)
         return Evaluation(energy, work.constraints, gradient, kkt)
 
-    def correct(
-        self, state: Shape, multipliers: Array, tolerance: float
-    ) -> tuple[Shape, Array, int]:
-        """Return a nearby stationary point by the compiled corrector, and its status (0 is good)."""
+    def correct(self, state: Shape, multipliers: Array, tolerance: float) -> Corrected | None:
+        """Return a nearby stationary point by the compiled corrector, or None if it is not near.
+
+        The corrector goes on until rounding errors are all that is left, whatever `tolerance` is.
+        """
         chain = self.chain
         angles = np.array(state.angles)
         forces = np.array(multipliers, dtype=float)
@@ -272,7 +273,7 @@ class Elastica(BaseStructure):
             np.array(self.spontaneous),
             np.zeros((_kernel.NODE_ROWS, self.angles_count)),
         )
-        status, *_ = _kernel.correct(
+        status, steps, *_ = _kernel.correct(
             angles[chain.first : chain.last],
             forces,
             data,
@@ -281,7 +282,7 @@ class Elastica(BaseStructure):
             0.5,
             work,
         )
-        return (Shape(angles), forces, status) if status == 0 else (state, multipliers, status)
+        return Corrected(Shape(angles), forces, iterations=int(steps)) if status == 0 else None
 
     def present(self, equilibrium: Equilibrium) -> ElasticaEquilibrium:
         """Return the equilibrium with positions."""
