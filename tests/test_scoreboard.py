@@ -105,6 +105,10 @@ def ring(deviation):
     return {"intensities": intensities, "deviations": deviation(intensities)}
 
 
+DISTANCE = {"value": 1e-5, "overcurvatures": [1.0, 2.0, 2.9]}
+SNAP = {"value": 0.5, "continuum": 0.5001, "exponent": 0.51, "before": 1.0, "after": 0.5}
+NO_SNAP = {"twists": [0.0, 1.0], "eigenvalues": [1.0, 0.1]}
+
 # A case that each judge accepts, and changes of it with the outcome that they must have.
 WINDOW = {
     "intensities": [3, 5, 10],
@@ -181,6 +185,7 @@ BALLOON = {
 FVK = {"stretching_equal": True, "bending_equal": True, "plane_stress": True}
 TRIPLE = {"value": 2.85, "exact": 2.8501, "stable_to": 4.0}
 HOLDS, FAILS, OPEN = Verdict.REPRODUCED, Verdict.DIFFERS, Verdict.UNDETERMINED
+AWAITS = Verdict.AWAITS
 CASES = [
     ("lambda-typical", {"value": 2.9 * 1.019}, {"value": 2.9 * 0.979}, FAILS),
     ("lambda-typical", {"value": -2.9}, {"value": 2.9 * 1.021}, FAILS),
@@ -271,6 +276,13 @@ CASES = [
     ("slinky-triple", TRIPLE, {"value": 2.9, "exact": 2.9}, FAILS),
     ("slinky-triple", TRIPLE, {"exact": 2.853}, FAILS),
     ("slinky-triple", TRIPLE, {"stable_to": 2.0}, FAILS),
+    ("slinky-distance", DISTANCE, {"value": 2e-3}, FAILS),
+    ("slinky-distance", DISTANCE, {"overcurvatures": [1.5, 2.9]}, FAILS),
+    ("equilibrium-time", {"value": 1e-3}, {"value": 0.2}, FAILS),
+    ("ribbon-snap-narrow", SNAP, {"continuum": 0.503}, FAILS),
+    ("ribbon-snap-narrow", SNAP, {"exponent": 1.0}, FAILS),
+    ("ribbon-snap-narrow", SNAP, {"after": -0.1}, FAILS),
+    ("ribbon-nosnap-wide", NO_SNAP, {"eigenvalues": [1.0, -0.1]}, FAILS),
     ("ribbon-threshold", {"thresholds": [1.2, 1.3]}, {"thresholds": [1.27, 1.3]}, FAILS),
     (
         "laminate-uniform",
@@ -286,6 +298,9 @@ CASES = [
     ),
 ]
 
+# Claims that also compare with measured points that nobody has published as numbers.
+AWAITING = {"slinky-distance", "ribbon-snap-narrow", "ribbon-nosnap-wide"}
+
 
 def judged(claim, facts, **more):
     if JUDGES[claim].has_value:
@@ -297,7 +312,7 @@ class TestJudges:
     @pytest.mark.parametrize(("claim", "facts", "change", "verdict"), CASES)
     def test_facts_decide(self, claim, facts, change, verdict):
         good = judged(claim, facts)
-        assert good.verdict is HOLDS, good.why
+        assert good.verdict is (AWAITS if claim in AWAITING else HOLDS), good.why
         bad = judged(claim, {**facts, **change})
         assert bad.verdict is verdict, bad.why
         assert bad.why != good.why
@@ -558,7 +573,7 @@ class TestBoard:
         assert scoreboard.board(building, [])["lambda-typical"].record.value == 1.2
 
     def test_a_claim_belongs_to_a_page(self, building, monkeypatch):
-        monkeypatch.setenv("LISSOME_PAGE", "4-discrete-rods-and-ribbons")
+        monkeypatch.setenv("LISSOME_PAGE", "4-discrete-rods")
         with pytest.raises(InvalidInput, match="belongs to the page '3-photomechanical-beams'"):
             judged("lambda-typical", {"value": 1.1})
         assert not building.exists()

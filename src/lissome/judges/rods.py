@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 from ._core import (
     Check,
     Facts,
+    agrees_with_measurement,
+    all_above,
     all_below,
     holds,
     judge,
     number,
     numbers,
     optional,
+    same_length,
     within,
     within_percent,
 )
@@ -95,6 +98,80 @@ def slinky_triple(claim: Claim, facts: Facts) -> list[Check]:
 
 
 @judge(
+    "equilibrium-time",
+    value=number("time per equilibrium at N = 100 in the stored benchmark, s"),
+)
+def equilibrium_time(claim: Claim, facts: Facts) -> list[Check]:
+    return [all_below("the stored time per equilibrium", facts["value"], claim.number, "s")]
+
+
+@judge(
+    "slinky-distance",
+    value=number("largest difference from the continuum solution over the distance at O = 1"),
+    overcurvatures=numbers("the overcurvatures compared"),
+    measured=optional(number("largest deviation of the measured points, in units of the length")),
+)
+def slinky_distance(claim: Claim, facts: Facts) -> list[Check]:
+    least, most = facts["overcurvatures"].min(), facts["overcurvatures"].max()
+    return [
+        all_below("the difference from the continuum solution", facts["value"], 1e-3),
+        holds(
+            bool(least <= 1.05 and most >= 2.8),
+            f"compared from O = {least:.3g} to {most:.3g} (the buckled range is demanded)",
+        ),
+        agrees_with_measurement("slinky-distance", facts, "measured", 0.02),
+    ]
+
+
+@judge(
+    "ribbon-snap-narrow",
+    value=number("critical twist extrapolated to infinitely many segments, rad"),
+    continuum=number("the fold of the continuum model, rad"),
+    exponent=number("exponent of the smallest eigenvalue against the distance to the snap"),
+    before=number("smallest eigenvalue without twist, any unit"),
+    after=number("smallest eigenvalue after the snap, same unit"),
+    measured=optional(number("largest deviation of the measured points of y0")),
+)
+def ribbon_snap_narrow(claim: Claim, facts: Facts) -> list[Check]:
+    return [
+        within(
+            "the critical twist",
+            facts["value"],
+            facts["continuum"],
+            1e-3,
+            "rad",
+            spread=facts.uncertainty,
+        ),
+        within(
+            "the exponent of the smallest eigenvalue (1/2 at a fold)", facts["exponent"], 0.5, 0.05
+        ),
+        all_above(
+            "the smallest eigenvalue before and after", [facts["before"], facts["after"]], 0.0
+        ),
+        agrees_with_measurement("ribbon-twist", facts, "measured", 0.05),
+    ]
+
+
+@judge(
+    "ribbon-nosnap-wide",
+    twists=numbers("the twists, rad"),
+    eigenvalues=numbers("smallest eigenvalue at each twist, any unit"),
+    measured=optional(number("largest deviation of the measured points of y0")),
+)
+def ribbon_nosnap_wide(claim: Claim, facts: Facts) -> list[Check]:
+    same_length(facts, "twists", "eigenvalues")
+    low, high = facts["twists"].min(), facts["twists"].max()
+    return [
+        all_above(
+            f"the smallest eigenvalue for twists of {low:.3g} to {high:.3g} rad",
+            facts["eigenvalues"],
+            0.0,
+        ),
+        agrees_with_measurement("ribbon-twist", facts, "measured", 0.05),
+    ]
+
+
+@judge(
     "ribbon-threshold",
     thresholds=numbers("threshold width over sqrt(L h), for each Poisson ratio and form of xi"),
     poisson_ratios=optional(numbers("the Poisson ratios")),
@@ -116,5 +193,9 @@ JUDGES = (
     buckling_postcritical,
     slinky_onset,
     slinky_triple,
+    slinky_distance,
+    equilibrium_time,
+    ribbon_snap_narrow,
+    ribbon_nosnap_wide,
     ribbon_threshold,
 )
