@@ -30,7 +30,9 @@ def prandtl(width, thickness, cells):
 def test_torsion_constant_of_a_rectangle_solves_saint_venants_problem(width, thickness):
     cells = [20, 40, 80]
     values = [prandtl(width, thickness, (n, n)) for n in cells]
-    first = [(4 * b - a) / 3 for a, b in zip(values[:-1], values[1:])]  # errors of order h^2
+    first = [
+        (4 * b - a) / 3 for a, b in zip(values[:-1], values[1:], strict=True)
+    ]  # errors of order h^2
     section = Rectangle(width, thickness)
     estimate = abs(first[1] - first[0])
     assert estimate < 1e-4 * section.torsion_constant
