@@ -56,6 +56,7 @@ _SUBMODULES: tuple[str, ...] = (
     "factorization",
     "judges",
     "literature",
+    "plates",
     "scoreboard",
     "sensitivities",
     "stability",

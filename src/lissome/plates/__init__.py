@@ -1,0 +1,47 @@
+r"""Plates of liquid-crystal elastomers that dome, snap and leap: chapter 5.
+
+One set of conventions holds in the whole package. The coordinate z points up from the middle of the
+thickness, layers are listed from the bottom, w is the deflection upward, and curvature means
+:math:`\nabla\nabla w`: a dome is negative, a cup positive.
+
+Examples
+--------
+A soft film that contracts much on a stiff one that contracts little, evenly heated: a cup.
+
+>>> from lissome.plates import Laminate, Layer, SigmoidCurve
+>>> much = SigmoidCurve(saturation=0.3, transition=170.0, width=10.0)
+>>> little = SigmoidCurve(saturation=0.3, transition=225.0, width=20.0)
+>>> sheet = Laminate([Layer(1.0, 17.0, 0.5, strain=little), Layer(2.0, 3.2, 0.5, strain=much)])
+>>> bool(sheet.spontaneous(160.0).curvature_along > 0)
+True
+"""
+
+from .directors import Defect, Director, UniformDirector, UserDirector, require_inside
+from .laminate import Laminate, Layer, Spontaneous
+from .thermal_strain import (
+    TENSORS,
+    NoStrain,
+    SigmoidCurve,
+    StrainCurve,
+    TabulatedCurve,
+    fit_sigmoid,
+    transverse_strain,
+)
+
+__all__ = [
+    "TENSORS",
+    "Defect",
+    "Director",
+    "Laminate",
+    "Layer",
+    "NoStrain",
+    "SigmoidCurve",
+    "Spontaneous",
+    "StrainCurve",
+    "TabulatedCurve",
+    "UniformDirector",
+    "UserDirector",
+    "fit_sigmoid",
+    "require_inside",
+    "transverse_strain",
+]
