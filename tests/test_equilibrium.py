@@ -310,6 +310,17 @@ def test_warm_start_uses_state_and_multipliers():
     assert near.iterations <= 4
 
 
+def test_an_equilibrium_is_a_warm_start():
+    first = equilibrate(Strip(0.7))
+    assert equilibrate(Strip(0.7), first).iterations == 0
+    near = equilibrate(Strip(0.699), first)
+    cold = equilibrate(Strip(0.699))
+    np.testing.assert_allclose(near.state.x, cold.state.x, atol=1e-12)
+    assert near.iterations < cold.iterations
+    free = equilibrate(Column(1.0, 39), first)  # of another structure: only its state fits
+    assert abs(free.state.x).max() < 1e-12
+
+
 def test_the_start_is_adopted():
     class Moved(Strip):
         def adopt(self, state):
@@ -342,6 +353,64 @@ def test_local_corrector_is_used_and_checked():
     buckled = equilibrate(Quick(4.0, tip_angle=0.3))  # its answer is a saddle: refused
     assert abs(buckled.state.x[-1]) > 0.5
     assert equilibrate(Quick(4.0, tip_angle=0.3), require="any").index == 1
+
+
+def newton_corrector(cls):
+    """Return a class of structures with a corrector that hands over evaluation and factors."""
+
+    class Quick(cls):
+        asked = []
+
+        def evaluate(self, state, multipliers, order=2):
+            Quick.asked.append(order)
+            return super().evaluate(state, multipliers, order)
+
+        def correct(self, state, multipliers, tolerance):
+            for number in range(20):
+                evaluation = super().evaluate(state, multipliers, 2)
+                factors = evaluation.kkt.factorize()
+                dx, dm = factors.solve(-evaluation.gradient, -evaluation.constraints)
+                if np.abs(dx).max() <= tolerance:
+                    return Corrected(state, multipliers, evaluation, factors, number)
+                state, multipliers = VectorState(state.x + dx), multipliers + dm
+            return None
+
+    return Quick
+
+
+def test_a_corrector_hands_over_what_it_has_made():
+    reference = equilibrate(Strip(0.7))
+    quick = newton_corrector(Strip)
+    near = VectorState(reference.state.x + 1e-3)
+    found = equilibrate(quick(0.7), near, reference.multipliers)
+    assert found.history[0].kind == "fast"
+    assert found.iterations == 1
+    np.testing.assert_allclose(found.state.x, reference.state.x, atol=1e-13)
+    # One matrix at most, for how the softest eigenvalue moves.
+    assert quick.asked.count(2) <= 1
+    assert np.abs(found.evaluation.gradient).max() < 1e-11
+
+
+def test_a_corrector_at_a_saddle_is_not_believed():
+    buckled = newton_corrector(Column)(4.0)
+    found = equilibrate(buckled, VectorState(np.full(40, 1e-6)))  # Newton's method goes to zero
+    assert found.stable
+    assert abs(found.state.x[-1]) == pytest.approx(column_tip_angle(4.0), rel=1e-2)
+    assert all(line.kind != "fast" for line in found.history)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(0.3, 0.95), st.integers(8, 60), st.floats(-0.4, 0.4))
+def test_with_and_without_a_corrector_the_same_shape_is_found(span, segments, disturbance):
+    plain, quick = Strip(span, segments), newton_corrector(Strip)(span, segments)
+    start = VectorState(plain.start().x + disturbance * np.cos(np.arange(segments - 1)))
+    for structure in (plain, quick):
+        found = equilibrate(structure, start)
+        assert found.stable
+        assert found.residual < 1e-12
+        balance = structure.evaluate(found.state, found.multipliers, 1)
+        assert np.abs(balance.constraints).max() < 1e-13
+        assert np.abs(balance.gradient).max() < 1e-9
 
 
 def test_present_makes_the_structures_own_result():

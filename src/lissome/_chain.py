@@ -30,26 +30,48 @@ _ONE, _DELAY, _SLOT, _PAIR = 1, 2, 3, 4
 
 @jit
 def scale_chain(band, border, corner, nb, passes, scale):
-    """Write factors (powers of two) that make all rows of similar size (Ruiz' iteration)."""
+    """Write factors (powers of two) that make all rows of similar size (Ruiz' iteration).
+
+    Returns
+    -------
+    norm : float
+        Largest entry of band and border; NaN or infinity if an entry of the matrix is not finite.
+    """
     n, width = band.shape
     w = width - 1
     scale[:] = 1.0
+    norm = 0.0
+    poison = 0.0  # zero times every entry: NaN unless all are finite
+    for r in range(nb):
+        for s in range(nb):
+            poison += 0.0 * corner[r, s]
     largest = np.empty(n + nb)
-    for _ in range(passes):
+    for p in range(passes):
         largest[:] = 0.0
         for j in range(n):
             sj = scale[j]
-            big = abs(band[j, 0]) * sj
-            top = min(w, n - 1 - j)
-            for k in range(1, top + 1):
+            v = abs(band[j, 0])
+            if p == 0:
+                norm = max(norm, v)
+                poison += 0.0 * v
+            big = v * sj
+            for k in range(1, min(w, n - 1 - j) + 1):
                 v = abs(band[j, k])
+                if p == 0:
+                    norm = max(norm, v)
+                    poison += 0.0 * v
                 big = max(big, v * scale[j + k])
                 largest[j + k] = max(largest[j + k], v * sj)
             for r in range(nb):
                 v = abs(border[j, r])
+                if p == 0:
+                    norm = max(norm, v)
+                    poison += 0.0 * v
                 big = max(big, v * scale[n + r])
                 largest[n + r] = max(largest[n + r], v * sj)
             largest[j] = max(largest[j], big)
+        if math.isnan(poison):
+            return poison
         for r in range(nb):
             for s in range(nb):
                 largest[n + r] = max(largest[n + r], abs(corner[r, s]) * scale[n + s])
@@ -57,7 +79,9 @@ def scale_chain(band, border, corner, nb, passes, scale):
             if largest[j] > 0.0:
                 scale[j] /= math.sqrt(largest[j] * scale[j])
     for j in range(n + nb):
-        scale[j] = 2.0 ** round(math.log2(scale[j]))
+        mantissa, exponent = math.frexp(scale[j])
+        scale[j] = math.ldexp(1.0, exponent - (1 if mantissa < math.sqrt(0.5) else 0))
+    return norm
 
 
 @jit
@@ -102,6 +126,75 @@ def apply_chain(band, border, corner, nb, x, out):
         for r in range(nb):
             for s in range(nb):
                 out[c, n + r] += corner[r, s] * x[c, n + s]
+
+
+@jit
+def magnitude_chain(band, border, corner, nb, x, out):
+    """Write absolute values of the matrix times those of ``x`` (n + nb,) to ``out``."""
+    n, width = band.shape
+    w = width - 1
+    for j in range(n + nb):
+        out[j] = 0.0
+    for j in range(n):
+        xj = abs(x[j])
+        total = abs(band[j, 0]) * xj
+        for k in range(1, min(w, n - 1 - j) + 1):
+            v = abs(band[j, k])
+            total += v * abs(x[j + k])
+            out[j + k] += v * xj
+        for r in range(nb):
+            v = abs(border[j, r])
+            total += v * abs(x[n + r])
+            out[n + r] += v * xj
+        out[j] += total
+    for r in range(nb):
+        for s in range(nb):
+            out[n + r] += abs(corner[r, s]) * abs(x[n + s])
+
+
+@jit
+def _residual(band, border, corner, nb, b, z, left, sizes):
+    """Write b - K z and |b| + |K| |z|; return the largest ratio of their entries."""
+    n, width = band.shape
+    w = width - 1
+    for j in range(n + nb):
+        left[j] = b[j]
+        sizes[j] = abs(b[j])
+    for j in range(n):
+        zj = z[j]
+        v = band[j, 0] * zj
+        total = v
+        weight = abs(v)
+        for k in range(1, min(w, n - 1 - j) + 1):
+            a = band[j, k]
+            v = a * z[j + k]
+            total += v
+            weight += abs(v)
+            v = a * zj
+            left[j + k] -= v
+            sizes[j + k] += abs(v)
+        for r in range(nb):
+            a = border[j, r]
+            v = a * z[n + r]
+            total += v
+            weight += abs(v)
+            v = a * zj
+            left[n + r] -= v
+            sizes[n + r] += abs(v)
+        left[j] -= total
+        sizes[j] += weight
+    for r in range(nb):
+        for s in range(nb):
+            v = corner[r, s] * z[n + s]
+            left[n + r] -= v
+            sizes[n + r] += abs(v)
+    worst = 0.0
+    for j in range(n + nb):
+        if left[j] != 0.0:
+            ratio = abs(left[j]) / sizes[j]
+            if not ratio <= worst:  # lets no NaN go
+                worst = ratio
+    return worst
 
 
 @jit
@@ -548,6 +641,81 @@ def solve_chain(band, border, nb, pivots, events, count, links, inverse, z):
                 x[s] = u
         for r in range(nb):
             z[c, n + r] = x[r]
+
+
+@jit
+def solve_refined(matrix, nb, norm, scale, factors, enough, refinements, b, z):
+    """Solve for the rows of ``b`` (k, n + nb), with iterative refinement; write to ``z``.
+
+    Parameters
+    ----------
+    matrix : (band, border, corner)
+        The matrix that was factored, before scaling.
+    nb : int
+        Number of border rows.
+    norm : float
+        Largest entry of the matrix.
+    scale : ndarray (n + nb,)
+    factors : tuple
+        Arguments of `solve_chain` up to ``z``.
+    enough : float
+        Refinement ends when the residual of each row is this small against its terms (LAPACK's
+        componentwise backward error).
+    refinements : int
+        Their largest number.
+
+    Returns
+    -------
+    left : float
+        Largest residual, relative to the largest right-hand side, plus the largest entry of the
+        matrix times that of the solution. Infinite if the solution is not finite.
+    """
+    band, border, corner = matrix
+    work, edge, _, pivots, events, count, links, inverse = factors
+    total = scale.size
+    trial = np.empty((1, total))
+    left = np.empty(total)
+    sizes = np.empty(total)
+    again = np.empty(total)
+    other = np.empty(total)
+    result = 0.0
+    for c in range(b.shape[0]):
+        for j in range(total):
+            trial[0, j] = scale[j] * b[c, j]
+        solve_chain(work, edge, nb, pivots, events, count, links, inverse, trial)
+        for j in range(total):
+            z[c, j] = scale[j] * trial[0, j]
+        error = _residual(band, border, corner, nb, b[c], z[c], left, sizes)
+        for _ in range(refinements):
+            if error <= enough:
+                break
+            for j in range(total):
+                trial[0, j] = scale[j] * left[j]
+            solve_chain(work, edge, nb, pivots, events, count, links, inverse, trial)
+            for j in range(total):
+                trial[0, j] = z[c, j] + scale[j] * trial[0, j]
+            new = _residual(band, border, corner, nb, b[c], trial[0], again, other)
+            if not new < error:
+                break
+            slow = new > 0.5 * error
+            error = new
+            for j in range(total):
+                z[c, j] = trial[0, j]
+                left[j] = again[j]
+            if slow:
+                break
+        most = 0.0
+        bound = 0.0
+        largest = 0.0
+        for j in range(total):
+            if not abs(z[c, j]) < np.inf:
+                return np.inf
+            most = max(most, abs(left[j]))
+            bound = max(bound, abs(b[c, j]))
+            largest = max(largest, abs(z[c, j]))
+        if most > 0.0:
+            result = max(result, most / (bound + norm * largest))
+    return result
 
 
 @jit

@@ -173,8 +173,8 @@ def _finite(evaluation: Evaluation) -> bool:
     gradient = evaluation.gradient
     return (
         math.isfinite(evaluation.energy)
-        and bool(np.all(np.isfinite(evaluation.constraints)))
-        and (gradient is None or bool(np.all(np.isfinite(gradient))))
+        and bool(np.isfinite(evaluation.constraints).all())
+        and (gradient is None or bool(np.isfinite(gradient).all()))
     )
 
 
@@ -192,9 +192,13 @@ def relative_residual(gradient: Array, constraints: Array, terms: tuple[Array, A
     for values, sizes in zip((gradient, constraints), terms, strict=True):
         if values.size:
             size = np.abs(values)
-            total = np.maximum(sizes, EPS * np.max(sizes)) + size
-            largest = np.max(size / np.where(total > 0, total, 1.0))
-            worst = float(np.maximum(worst, largest))  # unlike `max`, it lets no NaN go
+            total = np.maximum(sizes, EPS * sizes.max()) + size
+            if not total.all():
+                total = np.where(total > 0, total, 1.0)
+            largest = float((size / total).max())
+            if math.isnan(largest):
+                return math.nan
+            worst = max(worst, largest)
     return worst
 
 
@@ -267,6 +271,8 @@ class _Solver:
         self.relaxed = False
         self.state = state
         self.multipliers = multipliers
+        self.ready: Evaluation | None = None  # of second order, at the current point
+        self.full = False  # whether the last step was a full one
 
     # ---- one point -------------------------------------------------------------------------------
 
@@ -276,10 +282,10 @@ class _Solver:
         What a corrector has made there need not be made again.
         """
         structure = self.structure
-        evaluation = given.evaluation if given is not None else None
+        evaluation = given.evaluation if given is not None else self.ready
         if evaluation is None:
             evaluation = structure.evaluate(self.state, self.multipliers, 2)
-        self.evaluation = evaluation
+        self.evaluation, self.ready = evaluation, None
         n, m = structure.size, structure.constraints_count
         if evaluation.gradient is None or evaluation.kkt is None:
             raise InvalidInput("`structure.evaluate` returned no gradient or KKT matrix at order 2")
@@ -298,13 +304,14 @@ class _Solver:
         self.kkt: KKTMatrix = evaluation.kkt
         self.metric = np.asarray(structure.metric(self.state), dtype=float)
         self.gauge = np.asarray(structure.gauge(self.state), dtype=float).reshape(-1, n)
-        self.typical = np.broadcast_to(np.asarray(structure.typical(self.state), dtype=float), (n,))
+        typical = np.asarray(structure.typical(self.state), dtype=float)
+        self.typical = typical if typical.shape == (n,) else np.full(n, float(typical))
         self.noise = float(structure.noise(self.state))
         self.terms = self.kkt.magnitude(self.typical, self.multipliers)
         self.force_terms, self.constraint_terms = self.terms
         self.residual = relative_residual(self.gradient, self.constraints, self.terms)
         sizes = self.force_terms + np.abs(self.gradient)
-        self.largest_force = np.maximum(self.largest_force, sizes)
+        np.maximum(self.largest_force, sizes, out=self.largest_force)
         self.plain: Factorization | None = given.factorization if given is not None else None
         if self.plain is None:
             try:
@@ -314,7 +321,7 @@ class _Solver:
 
     def magnitude(self, dx: Array) -> float:
         """Return the size of an increment relative to the typical unknowns."""
-        return float(np.max(np.abs(dx) / self.typical))
+        return float((np.abs(dx) / self.typical).max())
 
     @property
     def inertia(self) -> tuple[int, int, int]:
@@ -415,48 +422,53 @@ class _Solver:
         """Take a step along the Newton direction; return the fraction taken, 0 if none."""
         structure = self.structure
         c = self.constraints
-        jt_mult = self.kkt.apply(np.zeros_like(dx), self.multipliers)[0]
-        energy_slope = float((self.gradient - jt_mult) @ dx)
+        bent, moved = self.kkt.apply(dx, np.zeros_like(dmult))
+        energy_slope = float(self.gradient @ dx - self.multipliers @ moved)
         target = np.abs(self.multipliers + dmult)
         c1 = float(np.sum(np.abs(c)))
         self.penalty = np.maximum(target, 0.5 * (self.penalty + target))
         slope = energy_slope - float(self.penalty @ np.abs(c))
-        quadratic = float(dx @ (self.kkt.apply(dx, np.zeros_like(dmult))[0]))
-        quadratic += shift * float(dx @ (self.metric * dx))
+        mass = float(dx @ (self.metric * dx))
+        quadratic = float(dx @ bent) + shift * mass
         wanted = -0.5 * abs(quadratic)
         if slope > wanted and c1 > 0:  # not downhill yet: weigh the constraints more
             self.penalty = self.penalty + 2.0 * (slope - wanted) / c1
             slope = energy_slope - float(self.penalty @ np.abs(c))
         merit = self.merit(self.evaluation)
         slack = 16 * EPS * (abs(self.evaluation.energy) + float(self.penalty @ np.abs(c)))
-        size = float(np.sqrt(dx @ (self.metric * dx)))
+        size, far = math.sqrt(mass), self.magnitude(dx)
+
+        def accept(state: Any, mult: Array, trial: Evaluation, step: float, kind: str) -> float:
+            self.record(far, shift, step, kind)
+            self.state, self.multipliers = state, mult
+            self.ready = trial if trial.kkt is not None else None
+            self.full = step == 1.0
+            return step
 
         largest = float(structure.max_step(self.state, dx))
         if not 0 < largest <= 1:
             raise InvalidInput(f"`structure.max_step` returned {largest}; it must lie in (0, 1]")
         step = largest
-        while step * self.magnitude(dx) > 1e-14 and step > 1e-12:
+        while step * far > 1e-14 and step > 1e-12:
             state = structure.retract(self.state, step * dx)
             mult = self.multipliers + step * dmult
             kind, previous = "newton", math.inf
             for attempt in range(5):
-                trial = structure.evaluate(state, mult, 1)
+                # A full step after a full step will be accepted: it takes its matrix along.
+                first = attempt == 0 and step == 1.0
+                trial = structure.evaluate(state, mult, 2 if first and self.full else 1)
                 if not _finite(trial):
                     break
                 assert trial.gradient is not None
                 if self.merit(trial) <= merit + 1e-4 * step * slope + slack:
-                    self.record(self.magnitude(dx), shift, step, kind)
-                    self.state, self.multipliers = state, mult
-                    return step
+                    return accept(state, mult, trial, step, kind)
                 if attempt == 4:
                     break
-                if attempt == 0 and step == 1.0:
+                if first:
                     # Natural test: the next correction, with the same factors, is much shorter.
                     d2, _ = factor.solve(-trial.gradient, -trial.constraints)
                     if float(np.sqrt(d2 @ (self.metric * d2))) <= 0.25 * size:
-                        self.record(self.magnitude(dx), shift, step, kind)
-                        self.state, self.multipliers = state, mult
-                        return step
+                        return accept(state, mult, trial, step, kind)
                 if not c1 and not np.any(trial.constraints):
                     break
                 aim = (1.0 - step) * c
@@ -465,12 +477,13 @@ class _Solver:
                     break
                 previous = excess
                 d2, _ = factor.solve(np.zeros_like(dx), aim - trial.constraints)
-                if self.magnitude(d2) > self.magnitude(step * dx):
+                if self.magnitude(d2) > step * far:
                     break
                 d2 = d2 * float(structure.max_step(state, d2))
                 state = structure.retract(state, d2)
                 kind = "corrected"
             step *= 0.5 if step > 0.2 else 0.25
+        self.full = False
         return 0.0
 
     def leave_saddle(self) -> bool:
@@ -548,7 +561,7 @@ class _Solver:
             return
         sizes, _ = self.kkt.magnitude(mode, mult)
         floor = self.noise * float(np.abs(mode) @ sizes)
-        floor += self.drift(value, mode, mult)
+        floor += self.drift(value, mode, mult, value - floor)
         if not value > floor:
             raise StabilityNotResolvable(
                 f"the eigenvalue nearest to zero is {value:.3g}, which does not exceed the "
@@ -557,11 +570,12 @@ class _Solver:
                 **details,
             )
 
-    def drift(self, value: float, mode: Array, mult: Array) -> float:
+    def drift(self, value: float, mode: Array, mult: Array, room: float) -> float:
         """Return how much the eigenvalue moves within the rounding error of the state.
 
         Rounding of the forces moves the state along the soft mode by (error of force) / value. At a
-        fold the eigenvalue is linear in this motion, and vanishes like the root of the error.
+        fold the eigenvalue is linear in this motion, and vanishes like the root of the error. One
+        side is looked at if what it tells is negligible against `room`, both sides otherwise.
         """
         length = 1.0 / self.magnitude(mode)
         force = self.noise * float(np.linalg.norm(mode * self.largest_force))
@@ -569,7 +583,7 @@ class _Solver:
             return 0.0
         reach = 1e-3 * length
         here = float(mode @ self.kkt.apply(mode, np.zeros_like(mult))[0])
-        slope = 0.0
+        slope = result = 0.0
         for step in (reach, -reach):
             step *= float(self.structure.max_step(self.state, step * mode))
             state = self.structure.retract(self.state, step * mode)
@@ -577,9 +591,13 @@ class _Solver:
             assert there is not None
             bent, moved = there.apply(mode, mult)
             change = float(mode @ bent + mult @ moved) - here
-            slope = max(slope, abs(change) / abs(step)) if math.isfinite(change) else slope
-        force = max(force, self.noise * slope * length**2)
-        return 2.0 * slope * force / value
+            if not math.isfinite(change):
+                continue
+            slope = max(slope, abs(change) / abs(step))
+            result = 2.0 * slope * max(force, self.noise * slope * length**2) / value
+            if 1e4 * result < room and slope > 0:
+                break
+        return result
 
     def finish(self, dx: Array | None, dmult: Array | None, correction: float) -> Equilibrium:
         """Return the result, after a last Newton step if that improves the balance."""
@@ -594,6 +612,7 @@ class _Solver:
             dx is not None
             and dmult is not None
             and correction > 0
+            and not (self.residual <= self.noise and correction <= 1e-3 * self.tolerance)
             and self.structure.max_step(self.state, dx) == 1.0
         ):
             new_state = self.structure.retract(self.state, dx)
@@ -637,24 +656,27 @@ class _Solver:
             result.__dict__["factorization"] = self.plain
         return present(result)
 
-    def correction_at_hand(self) -> tuple[Array | None, Array | None, float, bool]:
-        """Return the plain Newton correction, its size, and whether the multipliers have settled."""
+    def correction_at_hand(self) -> tuple[Array | None, Array | None, float]:
+        """Return the plain Newton correction, and its size."""
         if self.plain is None or self.plain.inertia[2]:
-            return None, None, math.inf, True
+            return None, None, math.inf
         try:
             dx, dmult = self.plain.solve(-self.gradient, -self.constraints)
         except FactorizationError:
-            return None, None, math.inf, True
-        zero = np.zeros_like(dx)
-        settled = True
-        if dmult.size:
-            change = self.kkt.magnitude(zero, dmult)[0]
-            size = self.kkt.magnitude(zero, self.multipliers + dmult)[0]
-            settled = bool(
-                np.max(change) <= 1e-6 * np.max(size)
-                or np.all(change <= 1e3 * self.noise * self.force_terms)
-            )
-        return dx, dmult, self.magnitude(dx), settled
+            return None, None, math.inf
+        return dx, dmult, self.magnitude(dx)
+
+    def settled(self, dmult: Array | None) -> bool:
+        """Return whether a correction of the multipliers changes no force by much."""
+        if dmult is None or not dmult.size:
+            return True
+        zero = np.zeros_like(self.gradient)
+        change = self.kkt.magnitude(zero, dmult)[0]
+        size = self.kkt.magnitude(zero, self.multipliers + dmult)[0]
+        return bool(
+            change.max() <= 1e-6 * size.max()
+            or np.all(change <= 1e3 * self.noise * self.force_terms)
+        )
 
     def stable(self) -> Equilibrium:
         """Descend to a minimum."""
@@ -668,11 +690,11 @@ class _Solver:
                     "has no minimum on this side (a load beyond the limit), or the typical size is "
                     "wrong"
                 )
-            dx, dmult, correction, settled = self.correction_at_hand()
+            dx, dmult, correction = self.correction_at_hand()
             at_floor = self.residual <= self.noise
             stalled = at_floor and not correction < 0.5 * previous
             previous = correction
-            if (correction <= self.tolerance and settled) or stalled:
+            if stalled or (correction <= self.tolerance and self.settled(dmult)):
                 if self.plain is not None and self.plain.is_minimum:
                     return self.finish(dx, dmult, correction)
                 self.check_resolved()
@@ -735,9 +757,9 @@ class _Solver:
         previous = math.inf
         for _ in range(self.max_iterations):
             self.evaluate()
-            dx, dmult, correction, settled = self.correction_at_hand()
+            dx, dmult, correction = self.correction_at_hand()
             at_floor = self.residual <= self.noise
-            if (correction <= self.tolerance and settled) or (
+            if (correction <= self.tolerance and self.settled(dmult)) or (
                 at_floor and not correction < 0.5 * previous
             ):
                 return self.finish(dx, dmult, correction)
@@ -809,11 +831,12 @@ def equilibrate(
     ----------
     structure : Structure
         What to solve.
-    start : state, optional
+    start : state or Equilibrium, optional
         Where to start; ``structure.start()`` by default. Prescribed values of `structure` are
         imposed on it (``structure.adopt``).
     multipliers : array_like, shape (m,), optional
-        First guess of the multipliers; by default those that balance the forces best.
+        First guess of the multipliers; by default those of the Equilibrium to start from, or those
+        that balance the forces best.
     require : {"stable", "any"}
         "stable" (default) descends to a minimum, leaving saddles on its way. "any" goes to a
         stationary point near the start, whatever its index; see ``Equilibrium.stable``.
@@ -862,8 +885,12 @@ def equilibrate(
     if not 0 < tol < 1:
         raise InvalidInput(f"argument `tolerance` is {tolerance}; it must lie in (0, 1)")
     max_iterations = integer_at_least("max_iterations", max_iterations, 1)
-    state = structure.start() if start is None else structure.adopt(start)
     m = structure.constraints_count
+    if isinstance(start, Equilibrium):
+        if multipliers is None and start.multipliers.shape == (m,):
+            multipliers = start.multipliers
+        start = start.state
+    state = structure.start() if start is None else structure.adopt(start)
     if multipliers is None:
         guess = _estimate_multipliers(structure, state)
     else:
@@ -880,8 +907,8 @@ def equilibrate(
             solver.state, solver.multipliers = fast.state, np.asarray(fast.multipliers, dtype=float)
             solver.evaluate(fast)
             if require == "any" or (solver.plain is not None and solver.plain.is_minimum):
-                dx, dmult, correction, settled = solver.correction_at_hand()
-                if (correction <= tol and settled) or solver.residual <= solver.noise:
+                dx, dmult, correction = solver.correction_at_hand()
+                if solver.residual <= solver.noise or (correction <= tol and solver.settled(dmult)):
                     solver.record(correction, 0.0, 1.0, "fast")
                     return solver.finish(dx, dmult, correction)
             solver.state, solver.multipliers = state, guess

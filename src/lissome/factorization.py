@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
+#: Componentwise backward error of a solution that needs no refinement.
+ENOUGH = 16 * EPS
 
 
 class Factorization(ABC):
@@ -59,7 +62,6 @@ class Factorization(ABC):
     g: int
     inertia: tuple[int, int, int]
     relative_smallest_pivot: float
-    _norm: float
 
     @property
     def index(self) -> int:
@@ -71,15 +73,9 @@ class Factorization(ABC):
         """Whether the inertia is that of a strict minimum: (n, m + g, 0)."""
         return self.inertia == (self.n, self.m + self.g, 0)
 
-    @abstractmethod
-    def _solve(self, rhs: Array) -> Array:
-        """Solve with the factors, for columns of shape (n + m + g, k)."""
-
-    @abstractmethod
-    def _apply(self, z: Array) -> Array:
-        """Apply the matrix that was factored."""
-
-    def solve(self, rhs_x: ArrayLike, rhs_c: ArrayLike | None = None) -> tuple[Array, Array]:
+    def solve(
+        self, rhs_x: ArrayLike, rhs_c: ArrayLike | None = None, *, refine: bool = True
+    ) -> tuple[Array, Array]:
         """Solve the KKT system, with iterative refinement.
 
         Parameters
@@ -88,6 +84,8 @@ class Factorization(ABC):
             Right-hand sides of the force balance.
         rhs_c : array_like, shape (m,) or (m, k), optional
             Right-hand sides of the constraints; zero by default.
+        refine : bool
+            Whether to refine; inverse iterations need it not.
 
         Returns
         -------
@@ -107,8 +105,7 @@ class Factorization(ABC):
             raise InvalidInput(
                 f"argument `rhs_x` has {columns.shape[0]} rows; it must have {self.n}"
             )
-        rhs = np.zeros((self.n + self.m + self.g, k))
-        rhs[: self.n] = columns
+        second = None
         if rhs_c is not None:
             second = np.asarray(rhs_c, dtype=float)
             second = second[:, None] if second.ndim == 1 else second
@@ -117,42 +114,32 @@ class Factorization(ABC):
                     f"argument `rhs_c` has shape {np.shape(rhs_c)}; it must hold {k} columns of "
                     f"{self.m} values"
                 )
-            rhs[self.n : self.n + self.m] = second
         if self.inertia[2]:
             raise FactorizationError(
                 f"the KKT matrix is singular to working precision ({self.inertia[2]} zero pivots): "
                 "the state is critical, a neutral motion is not listed in `gauge`, or constraints "
                 "are redundant"
             )
-        z = self._solve(rhs)
-        residual = rhs - self._apply(z)
-        size = np.max(np.abs(residual), axis=0, initial=0.0)
-        for _ in range(3):
-            trial = z + self._solve(residual)
-            left = rhs - self._apply(trial)
-            new = np.max(np.abs(left), axis=0, initial=0.0)
-            better = new < size
-            if not np.any(better):
-                break
-            z = np.where(better, trial, z)
-            residual = np.where(better, left, residual)
-            floor = 4 * EPS * (np.max(np.abs(rhs), axis=0) + self._norm * np.max(np.abs(z), axis=0))
-            done = np.all((new >= 0.25 * size) | (new <= floor))
-            size = np.where(better, new, size)
-            if done:
-                break
-        if not np.all(np.isfinite(z)):
+        dx, dm, left = self._refined(columns, second, 3 if refine else 0)
+        if not left < math.inf:
             raise FactorizationError("the solution of the KKT system is not finite")
-        bound = np.max(np.abs(rhs), axis=0, initial=0.0)
-        bound = bound + self._norm * np.max(np.abs(z), axis=0, initial=0.0)
-        if np.any(size > 1e-7 * bound):
+        if left > 1e-7:
             raise FactorizationError(
-                "the KKT system was solved to "
-                f"{float(np.max(size / np.maximum(bound, 1e-300))):.2g} only: the matrix is too "
+                f"the KKT system was solved to {left:.2g} only: the matrix is too "
                 "ill-conditioned; scale the unknowns and constraints, or use a coarser mesh"
             )
-        dx, dm = z[: self.n], z[self.n : self.n + self.m]
         return (dx[:, 0], dm[:, 0]) if single else (dx, dm)
+
+    @abstractmethod
+    def _refined(
+        self, rhs_x: Array, rhs_c: Array | None, refinements: int
+    ) -> tuple[Array, Array, float]:
+        """Return the refined solutions, and the largest residual that they leave.
+
+        Right-hand sides have shapes (n, k) and (m, k). The residual is relative to the largest
+        right-hand side plus the largest entry of the matrix times that of the solution; it is
+        infinite if the solution is not finite.
+        """
 
 
 class KKTMatrix(ABC):
@@ -242,7 +229,52 @@ def _pivot_inertia(eigenvalues: Array, floor: float) -> tuple[tuple[int, int, in
     return (positive, sizes.size - positive - zero, zero), relative
 
 
-class _DenseFactorization(Factorization):
+class _ColumnFactorization(Factorization):
+    """Factors that solve for columns in the order unknowns, constraints, gauge rows."""
+
+    _norm: float
+
+    @abstractmethod
+    def _solve(self, rhs: Array) -> Array:
+        """Solve with the factors, for columns of shape (n + m + g, k)."""
+
+    @abstractmethod
+    def _apply(self, z: Array) -> Array:
+        """Apply the matrix that was factored."""
+
+    def _refined(
+        self, rhs_x: Array, rhs_c: Array | None, refinements: int
+    ) -> tuple[Array, Array, float]:
+        rhs = np.zeros((self.n + self.m + self.g, rhs_x.shape[1]))
+        rhs[: self.n] = rhs_x
+        if rhs_c is not None:
+            rhs[self.n : self.n + self.m] = rhs_c
+        z = self._solve(rhs)
+        residual = rhs - self._apply(z)
+        size = np.max(np.abs(residual), axis=0, initial=0.0)
+        for _ in range(refinements):
+            trial = z + self._solve(residual)
+            left = rhs - self._apply(trial)
+            new = np.max(np.abs(left), axis=0, initial=0.0)
+            better = new < size
+            if not np.any(better):
+                break
+            z = np.where(better, trial, z)
+            residual = np.where(better, left, residual)
+            floor = 4 * EPS * (np.max(np.abs(rhs), axis=0) + self._norm * np.max(np.abs(z), axis=0))
+            done = np.all((new >= 0.25 * size) | (new <= floor))
+            size = np.where(better, new, size)
+            if done:
+                break
+        worst = math.inf
+        if np.all(np.isfinite(z)):
+            bound = np.max(np.abs(rhs), axis=0, initial=0.0)
+            bound = bound + self._norm * np.max(np.abs(z), axis=0, initial=0.0)
+            worst = float(np.max(size / np.maximum(bound, 1e-300), initial=0.0))
+        return z[: self.n], z[self.n : self.n + self.m], worst
+
+
+class _DenseFactorization(_ColumnFactorization):
     def __init__(self, matrix: Array, n: int, m: int, g: int) -> None:
         self.n, self.m, self.g = n, m, g
         self._matrix = matrix
@@ -399,6 +431,8 @@ class ChainLayout:
     unknowns: NDArray[np.int64] | None = None
     constraints: NDArray[np.int64] | None = None
     border: int = 0
+    #: Whether the unknowns come first, then the constraints, each in order.
+    ordered: bool = field(init=False)
 
     def __post_init__(self) -> None:
         total = int(self.length) + int(self.border)
@@ -422,24 +456,29 @@ class ChainLayout:
             )
         object.__setattr__(self, "unknowns", unknowns.astype(np.int64))
         object.__setattr__(self, "constraints", constraints.astype(np.int64))
+        object.__setattr__(self, "ordered", bool(np.array_equal(both, np.arange(total))))
+
+
+@lru_cache(maxsize=64)
+def _plain_layout(length: int, border: int) -> ChainLayout:
+    return ChainLayout(length, border=border)
 
 
 class _ChainFactorization(Factorization):
     def __init__(
-        self, band: Array, border: Array, corner: Array, positions: NDArray[np.int64], counts: Any
+        self, band: Array, border: Array, corner: Array, layout: ChainLayout, counts: Any
     ) -> None:
         from . import _chain
 
         self.n, self.m, self.g = counts
         self._original = (band, border, corner)
-        self._positions = positions  # of unknowns, constraints and gauge rows
+        self._layout = layout
         length, nb = border.shape
         self._nb = nb
-        self._norm = float(max(np.max(np.abs(band)), np.max(np.abs(border), initial=0.0)))
-        if not math.isfinite(self._norm) or not np.all(np.isfinite(corner)):
-            raise FactorizationError("the KKT matrix holds NaN or infinity")
         self._scale = np.empty(length + nb)
-        _chain.scale_chain(band, border, corner, nb, 2, self._scale)
+        self._norm = _chain.scale_chain(band, border, corner, nb, 2, self._scale)
+        if not math.isfinite(self._norm):
+            raise FactorizationError("the KKT matrix holds NaN or infinity")
         status, slots, threshold = 1, 8, 0.05
         while True:
             work = np.empty_like(band)
@@ -472,24 +511,26 @@ class _ChainFactorization(Factorization):
         self.inertia = (positive, negative, zero)
         self.relative_smallest_pivot = smallest / largest if largest > 0 else 0.0
 
-    def _solve(self, rhs: Array) -> Array:
+    def _refined(
+        self, rhs_x: Array, rhs_c: Array | None, refinements: int
+    ) -> tuple[Array, Array, float]:
         from . import _chain
 
-        z = np.empty((rhs.shape[1], rhs.shape[0]))
-        z[:, self._positions] = rhs.T
-        z *= self._scale
-        _chain.solve_chain(*self._factors, z)
-        z *= self._scale
-        return z[:, self._positions].T
-
-    def _apply(self, z: Array) -> Array:
-        from . import _chain
-
-        x = np.empty((z.shape[1], z.shape[0]))
-        x[:, self._positions] = z.T
-        out = np.empty_like(x)
-        _chain.apply_chain(*self._original, self._nb, x, out)
-        return out[:, self._positions].T
+        n, m, k = self.n, self.m, rhs_x.shape[1]
+        b = np.zeros((k, n + m + self.g))
+        z = np.empty_like(b)
+        first: Any = self._layout.unknowns
+        second: Any = self._layout.constraints
+        if self._layout.ordered:
+            first, second = slice(0, n), slice(n, n + m)
+        b[:, first] = rhs_x.T
+        if rhs_c is not None:
+            b[:, second] = rhs_c.T
+        left = _chain.solve_refined(
+            self._original, self._nb, self._norm, self._scale, self._factors, ENOUGH, refinements,
+            b, z,
+        )  # fmt: skip
+        return z[:, first].T, z[:, second].T, left
 
 
 class ChainKKT(KKTMatrix):
@@ -554,7 +595,7 @@ class ChainKKT(KKTMatrix):
             raise InvalidInput(
                 f"argument `corner` has shape {square.shape}; it must be ({nb}, {nb})"
             )
-        self.layout = ChainLayout(length, border=nb) if layout is None else layout
+        self.layout = _plain_layout(length, nb) if layout is None else layout
         if self.layout.length != length or self.layout.border != nb:
             raise InvalidInput(
                 f"argument `layout` is for {self.layout.length} columns and {self.layout.border} "
@@ -563,8 +604,11 @@ class ChainKKT(KKTMatrix):
         unknowns, constraints = self.layout.unknowns, self.layout.constraints
         assert unknowns is not None
         assert constraints is not None
-        self._unknowns, self._constraints = unknowns, constraints
-        self.n, self.m = self._unknowns.size, self._constraints.size
+        self.n, self.m = unknowns.size, constraints.size
+        self._unknowns: Any = unknowns
+        self._constraints: Any = constraints
+        if self.layout.ordered:  # slices are faster
+            self._unknowns, self._constraints = slice(0, self.n), slice(self.n, self.n + self.m)
         self.band = band
         self.border = np.ascontiguousarray(rows.T)
         self.corner = square
@@ -617,16 +661,16 @@ class ChainKKT(KKTMatrix):
         return cls(band, border, corner, layout=layout)
 
     def _full(self, dx: Array, dmultipliers: Array) -> Array:
-        x = np.empty((1, self.n + self.m))
-        x[0, self._unknowns] = dx
-        x[0, self._constraints] = dmultipliers
+        x = np.empty(self.n + self.m)
+        x[self._unknowns] = dx
+        x[self._constraints] = dmultipliers
         return x
 
     def apply(self, dx: Array, dmultipliers: Array) -> tuple[Array, Array]:
         """Return ``H dx + J^T dmultipliers`` and ``J dx``."""
         from . import _chain
 
-        x = self._full(dx, dmultipliers)
+        x = self._full(dx, dmultipliers)[None, :]
         out = np.empty_like(x)
         _chain.apply_chain(self.band, self.border, self.corner, self.border.shape[1], x, out)
         return out[0, self._unknowns], out[0, self._constraints]
@@ -635,11 +679,10 @@ class ChainKKT(KKTMatrix):
         """Return the sizes of the terms that `apply` sums."""
         from . import _chain
 
-        x = np.abs(self._full(dx, dmultipliers))
+        x = self._full(dx, dmultipliers)
         out = np.empty_like(x)
-        band, border, corner = np.abs(self.band), np.abs(self.border), np.abs(self.corner)
-        _chain.apply_chain(band, border, corner, border.shape[1], x, out)
-        return out[0, self._unknowns], out[0, self._constraints]
+        _chain.magnitude_chain(self.band, self.border, self.corner, self.border.shape[1], x, out)
+        return out[self._unknowns], out[self._constraints]
 
     def factorize(
         self,
@@ -653,9 +696,6 @@ class ChainKKT(KKTMatrix):
         rows = _gauge_rows(gauge, self.n)
         g = rows.shape[0]
         band, border, corner = self.band, self.border, self.corner
-        positions = np.concatenate(
-            [self._unknowns, self._constraints, np.arange(length + nb, length + nb + g)]
-        )
         if g:
             border = np.zeros((length, nb + g))
             border[:, :nb] = self.border
@@ -675,7 +715,7 @@ class ChainKKT(KKTMatrix):
             band[:, 0] += diagonal[:length]
             corner = corner.copy()
             corner[np.arange(nb), np.arange(nb)] += diagonal[length:]
-        return _ChainFactorization(band, border, corner, positions, (self.n, self.m, g))
+        return _ChainFactorization(band, border, corner, self.layout, (self.n, self.m, g))
 
 
 class TridiagonalKKT(ChainKKT):
@@ -712,7 +752,7 @@ class TridiagonalKKT(ChainKKT):
         super().__init__(band, rows)
 
 
-class _SparseFactorization(Factorization):
+class _SparseFactorization(_ColumnFactorization):
     def __init__(self, matrix: Any, last: int, positions: NDArray[np.int64], counts: Any) -> None:
         from ._multifrontal import Multifrontal
 

@@ -12,6 +12,7 @@ are those of the second variation per unit length (or area), and converge as the
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,9 +44,12 @@ class Spectrum(NamedTuple):
     floor: float
 
 
+@lru_cache(maxsize=16)
 def _start_vector(n: int, seed: int = 0) -> Array:
     # Fixed, so that results repeat; irregular, so that no symmetry makes it blind to a mode.
-    return np.random.default_rng(20 + seed).standard_normal(n)
+    vector = np.random.default_rng(20 + seed).standard_normal(n)
+    vector.flags.writeable = False
+    return vector
 
 
 def softest_mode(
@@ -64,10 +68,10 @@ def softest_mode(
     multipliers : ndarray, shape (m,)
     """
     v = _start_vector(kkt.n)
-    v /= math.sqrt(float(v @ (metric * v)))
+    v = v / math.sqrt(float(v @ (metric * v)))
     norm, mult = math.inf, np.zeros(kkt.m)
     for _ in range(3):
-        w, mult = factor.solve(metric * v)
+        w, mult = factor.solve(metric * v, refine=False)
         norm = math.sqrt(float(w @ (metric * w)))
         if norm == 0.0:
             return math.inf, np.zeros(kkt.n), mult  # the constraints leave no motion
