@@ -1,0 +1,307 @@
+"""Meshes of triangles for plates: rectangles and discs, graded to a defect; files; slits.
+
+Any other mesh of scikit-fem will do (``skfem.MeshTri``, or ``skfem.MeshTri2`` with curved edges).
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import skfem
+from numpy.typing import ArrayLike, NDArray
+
+from .._validate import finite_array, in_open_interval, integer_at_least, positive
+from ..errors import DataError, InvalidInput
+
+__all__ = ["disc", "from_file", "rectangle", "with_slit"]
+
+Array = NDArray[np.float64]
+
+
+def _fan(starts: Any, count: int, grading: float) -> tuple[Array, Array, Any]:
+    """Return sector, ring and fraction along the ring of the vertices, and triangles.
+
+    The sectors of a fan are divided into `count` squared triangles each.
+    """
+    sectors = starts
+    vertices: list[tuple[int, int, int]] = [(0, 0, 0)]
+    number = {(0, 0): 0}
+    for ring in range(1, count + 1):
+        for along in range(sectors * ring):
+            number[ring, along] = len(vertices)
+            vertices.append((ring, along // ring, along % ring))
+    triangles = []
+    for sector in range(sectors):
+        for ring in range(1, count + 1):
+
+            def at(i: int, j: int, sector: int = sector) -> int:
+                return number[i, (sector * i + j) % (sectors * i) if i else 0]
+
+            for j in range(ring):
+                triangles.append((at(ring - 1, j), at(ring, j), at(ring, j + 1)))
+                if j < ring - 1:
+                    triangles.append((at(ring - 1, j), at(ring, j + 1), at(ring - 1, j + 1)))
+    array = np.array(vertices, dtype=float)
+    radius = (array[:, 0] / count) ** grading
+    fraction = array[:, 2] / np.maximum(array[:, 0], 1.0)
+    return radius, array[:, 1] + fraction, np.array(triangles).T
+
+
+def rectangle(
+    width: float = 1.0,
+    height: float | None = None,
+    divisions: int = 8,
+    *,
+    center: ArrayLike = (0.0, 0.0),
+    grading: float = 1.5,
+) -> Any:
+    """Return a rectangle around the origin, a fan of triangles graded to a point.
+
+    The point is a vertex. The mesh is symmetric where the point allows it: to both axes and, for a
+    square, to the diagonals.
+
+    Parameters
+    ----------
+    width, height : float
+        Sides; a square by default.
+    divisions : int
+        Parts of each of the eight sectors: 8 divisions^2 triangles.
+    center : array_like, shape (2,)
+        The point, for instance a defect; inside of the rectangle.
+    grading : float
+        Rings of triangles are at distances in proportion to (i/divisions)**grading; 1 for equal
+        steps.
+
+    Returns
+    -------
+    skfem.MeshTri
+        With the boundaries "left", "right", "bottom", "top".
+
+    Examples
+    --------
+    >>> from lissome.plates.meshes import rectangle
+    >>> mesh = rectangle(2.0, 1.0, 4, center=(0.3, 0.1))
+    >>> mesh.t.shape, sorted(mesh.boundaries)
+    ((3, 128), ['bottom', 'left', 'right', 'top'])
+    """
+    width = positive("width", width)
+    height = width if height is None else positive("height", height)
+    n = integer_at_least("divisions", divisions, 1)
+    grading = positive("grading", grading)
+    c = finite_array("center", center, shape=(2,))
+    in_open_interval("center[0]", c[0], -width / 2, width / 2, "the point lies in the rectangle")
+    in_open_interval("center[1]", c[1], -height / 2, height / 2, "the point lies in the rectangle")
+    a, b = width / 2, height / 2
+    corners = np.array(
+        [[a, c[1]], [a, b], [c[0], b], [-a, b], [-a, c[1]], [-a, -b], [c[0], -b], [a, -b]]
+    )
+    radius, along, triangles = _fan(8, n, grading)
+    sector = along.astype(int) % 8
+    part = (along - np.floor(along))[:, None]
+    rim = (1 - part) * corners[sector] + part * corners[(sector + 1) % 8]
+    points = c + radius[:, None] * (rim - c)
+    mesh = skfem.MeshTri(np.ascontiguousarray(points.T), np.ascontiguousarray(triangles))
+    small = 1e-9 * max(a, b)
+    return mesh.with_boundaries(
+        {
+            "left": lambda x: np.abs(x[0] + a) < small,
+            "right": lambda x: np.abs(x[0] - a) < small,
+            "bottom": lambda x: np.abs(x[1] + b) < small,
+            "top": lambda x: np.abs(x[1] - b) < small,
+        }
+    )
+
+
+def disc(
+    radius: float = 1.0,
+    divisions: int = 8,
+    *,
+    center: ArrayLike = (0.0, 0.0),
+    grading: float = 1.5,
+    sectors: int = 6,
+) -> Any:
+    """Return a disc around the origin with a curved edge, graded to a point.
+
+    Parameters
+    ----------
+    radius : float
+    divisions : int
+        Parts of each sector: sectors divisions^2 triangles.
+    center : array_like, shape (2,)
+        The point to which the mesh is graded, inside of the disc; a vertex.
+    grading : float
+        Rings of triangles are at distances in proportion to (i/divisions)**grading.
+    sectors : int
+        Triangles around the point, at least 4.
+
+    Returns
+    -------
+    skfem.MeshTri2
+        The edges of the rim are parabolas.
+
+    Examples
+    --------
+    >>> from lissome.plates.meshes import disc
+    >>> disc(2.0, 4).t.shape
+    (3, 96)
+    """
+    radius = positive("radius", radius)
+    n = integer_at_least("divisions", divisions, 1)
+    grading = positive("grading", grading)
+    sectors = integer_at_least("sectors", sectors, 4)
+    c = finite_array("center", center, shape=(2,))
+    if not np.hypot(*c) < radius:
+        raise InvalidInput(
+            f"argument `center` is ({c[0]:.4g}, {c[1]:.4g}); it must lie inside of the disc of "
+            f"radius {radius:.4g}"
+        )
+    ring, along, triangles = _fan(sectors, n, grading)
+    angle = 2 * np.pi * along / sectors
+    rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = c + ring[:, None] * (rim - c)
+    straight = skfem.MeshTri(np.ascontiguousarray(points.T), np.ascontiguousarray(triangles))
+    curved = skfem.MeshTri2.from_mesh(straight)
+    nodes = curved.doflocs.copy()
+    for facet in straight.boundary_facets():
+        middle = points[straight.facets[:, facet]].mean(axis=0)
+        nodes[:, straight.nvertices + facet] = radius * middle / np.hypot(*middle)
+    return skfem.MeshTri2(nodes, curved.t)
+
+
+def from_file(path: str | os.PathLike[str]) -> Any:
+    """Read a mesh of triangles from any file that meshio reads.
+
+    Parameters
+    ----------
+    path : path
+        The file; a third coordinate must vanish. Triangles with three nodes make a MeshTri, those
+        with six a MeshTri2.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read, or holds no triangles or triangles that are not in the plane.
+    """
+    import meshio  # type: ignore[import-untyped]
+
+    try:
+        stored = meshio.read(path)
+    except FileNotFoundError:
+        raise
+    except (meshio.ReadError, SystemExit, ValueError, KeyError, IndexError, OSError) as error:
+        raise DataError(f"the file {path} is not a mesh that meshio can read: {error}") from error
+    kinds = {block.type for block in stored.cells}
+    wanted = "triangle6" if "triangle6" in kinds else "triangle"
+    if wanted not in kinds:
+        raise DataError(f"the mesh {path} holds {sorted(kinds)}; a plate is made of triangles")
+    if "triangle6" in kinds and "triangle" in kinds:
+        raise DataError(f"the mesh {path} mixes triangles with three and with six nodes")
+    points = np.asarray(stored.points, dtype=float)
+    if points.shape[1] > 2 and np.ptp(points[:, 2]) > 1e-9 * np.max(np.ptp(points, axis=0)):
+        raise DataError(f"the mesh {path} does not lie in the plane of x and y")
+    cells = np.vstack([block.data for block in stored.cells if block.type == wanted])
+    used, new = np.unique(cells[:, :3], return_inverse=True)
+    corners = new.reshape(-1, 3)
+    straight = skfem.MeshTri(
+        np.ascontiguousarray(points[used, :2].T), np.ascontiguousarray(corners.T)
+    )
+    if wanted == "triangle":
+        return straight
+    curved = skfem.MeshTri2.from_mesh(straight)
+    nodes = curved.doflocs.copy()
+    # Nodes 3, 4, 5 lie between the corners 0-1, 1-2, 2-0.
+    number = {tuple(sorted(pair)): i for i, pair in enumerate(straight.facets.T.tolist())}
+    for corner, cell in zip(corners.tolist(), cells, strict=True):
+        for node, (a, b) in zip(cell[3:], ((0, 1), (1, 2), (2, 0)), strict=True):
+            facet = number[tuple(sorted((corner[a], corner[b])))]
+            nodes[:, straight.nvertices + facet] = points[node, :2]
+    return skfem.MeshTri2(nodes, curved.t)
+
+
+def with_slit(mesh: Any, start: ArrayLike, end: ArrayLike) -> Any:
+    """Return a mesh that is cut along a straight row of its edges.
+
+    Parameters
+    ----------
+    mesh : skfem.MeshTri
+        With straight edges.
+    start, end : array_like, shape (2,)
+        Ends of the cut. Both are vertices, and edges of the mesh join them in a straight line. An end
+        inside of the mesh is a tip, one at the boundary opens.
+
+    Returns
+    -------
+    skfem.MeshTri
+        Its named boundaries are lost.
+
+    Raises
+    ------
+    InvalidInput
+        If no edges of the mesh join the ends along the line.
+
+    Examples
+    --------
+    >>> from lissome.plates.meshes import rectangle, with_slit
+    >>> whole = rectangle(1.0, divisions=4, grading=1.0)
+    >>> int(with_slit(whole, (0.0, 0.0), (0.5, 0.0)).nvertices - whole.nvertices)
+    4
+    """
+    if isinstance(mesh, skfem.MeshTri2) or not isinstance(mesh, skfem.MeshTri1):
+        raise InvalidInput(
+            f"argument `mesh` is of type {type(mesh).__name__}; a slit needs a MeshTri with straight "
+            "edges"
+        )
+    a = finite_array("start", start, shape=(2,))
+    b = finite_array("end", end, shape=(2,))
+    length = float(np.hypot(*(b - a)))
+    if length == 0:
+        raise InvalidInput("arguments `start` and `end` are the same point; a slit has a length")
+    direction = (b - a) / length
+    normal = np.array([-direction[1], direction[0]])
+    points = mesh.p.T
+    along, across = (points - a) @ direction, (points - a) @ normal
+    small = 1e-9 * max(length, float(np.max(np.ptp(points, axis=0))))
+    on = (np.abs(across) < small) & (along > -small) & (along < length + small)
+    edges = np.flatnonzero(on[mesh.facets].all(axis=0))
+    boundary = set(mesh.boundary_facets().tolist())
+    edges = np.array([e for e in edges if e not in boundary], dtype=np.int64)
+    covered = float(np.sum(np.abs(along[mesh.facets[0, edges]] - along[mesh.facets[1, edges]])))
+    if abs(covered - length) > 1e-6 * length:
+        raise InvalidInput(
+            f"arguments `start` and `end`: edges of the mesh cover {covered:.6g} of the length "
+            f"{length:.6g} of the slit; it must run along edges, from a vertex to a vertex"
+        )
+    rim = set(mesh.facets[:, mesh.boundary_facets()].ravel().tolist())
+    split = [
+        v for v in np.unique(mesh.facets[:, edges]).tolist()
+        if v in rim or (small < along[v] < length - small)
+    ]  # fmt: skip
+    copy = {v: mesh.nvertices + i for i, v in enumerate(split)}
+    cells = mesh.t.T.copy()
+    middle = points[cells].mean(axis=1)
+    below = (middle - a) @ normal < 0
+    cut = {tuple(pair) for pair in mesh.facets[:, edges].T.tolist()}
+    for v, new in copy.items():
+        around = np.flatnonzero((cells == v).any(axis=1)).tolist()
+        # The triangles around a vertex, joined across edges that are not cut, below the slit.
+        seeds = [
+            int(t)
+            for t in around
+            if below[t] and any(v in pair and set(pair) <= set(mesh.t[:, t]) for pair in cut)
+        ]  # fmt: skip
+        todo, seen = list(seeds), set(seeds)
+        while todo:
+            t = todo.pop()
+            for other in around:
+                if other in seen:
+                    continue
+                common = set(mesh.t[:, t].tolist()) & set(mesh.t[:, other].tolist())
+                if len(common) == 2 and tuple(sorted(common)) not in cut:
+                    seen.add(int(other))
+                    todo.append(int(other))
+        for t in seen:
+            cells[t][cells[t] == v] = new
+    grown = np.vstack([points, points[split]])
+    return skfem.MeshTri(np.ascontiguousarray(grown.T), np.ascontiguousarray(cells.T))
