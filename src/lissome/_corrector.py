@@ -419,9 +419,12 @@ def _inverse_iteration(
     k = columns.shape[1]
     previous = np.zeros(k)
     values = previous
-    for _ in range(iterations):
+    done = False
+    for number in range(iterations):
+        # Rounding errors of the factors matter only to the final values.
+        last = done or number == iterations - 1
         columns = np.linalg.qr(root * columns)[0] / root
-        image, _ = factors.solve(metric[:, None] * columns, np.zeros((factors.m, k)))
+        image, _ = factors.solve(metric[:, None] * columns, refine=last)
         small = columns.T @ (metric[:, None] * image)  # inverse of the eigenvalues, projected
         inverse, rotation = np.linalg.eigh(0.5 * (small + small.T))
         order = np.argsort(-np.abs(inverse))
@@ -429,8 +432,9 @@ def _inverse_iteration(
         with np.errstate(divide="ignore", invalid="ignore"):
             values = 1.0 / inverse[order]
             settled = np.abs(values - previous) <= 1e-10 * np.abs(values)
-        if np.all(settled[:count]):
+        if last:
             break
+        done = bool(np.all(settled[:count]))
         previous = values
     size = np.sqrt(np.einsum("ij,i,ij->j", columns, metric, columns))
     return values, (columns / np.where(size > 0, size, 1.0)).T
