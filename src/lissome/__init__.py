@@ -57,6 +57,7 @@ _SUBMODULES: tuple[str, ...] = (
     "judges",
     "literature",
     "plates",
+    "rods",
     "scoreboard",
     "sensitivities",
     "stability",

@@ -1,0 +1,516 @@
+r"""Compiled passes of the discrete rod: strains, energy, gradient and Hessian in body increments.
+
+The unknowns of segment j are the components, in its own directors, of a rotation vector
+:math:`\theta_j`: the frame goes to :math:`d^j \exp(\theta_j/2)`, and the nodes follow by summation.
+At a hinge with :math:`q = \overline{d^{a}} d^{b} = s + v` (scalar and vector part) the increments a
+and b of the two frames give :math:`\exp(-a/2)\, q \exp(b/2)`, so that :math:`\kappa = 2v` changes by
+
+.. math::
+
+    \delta\kappa &= s\,(b - a) + v\times(a + b), \\
+    \tfrac12\delta^2\kappa &= -\tfrac14(|a|^2 + |b|^2)\,v
+        - \tfrac12\left[s\,a\times b - (a\cdot v)\,b + (a\cdot b)\,v - (b\cdot v)\,a\right].
+
+With :math:`X = sI + [v]_\times` the derivatives are :math:`\partial\kappa/\partial b = X` and
+:math:`\partial\kappa/\partial a = -X^T`. Contracted with the stress m, the second variation has the
+blocks :math:`-\tfrac12(m\cdot v)I` (aa and bb) and
+:math:`\tfrac12(s[m]_\times + v m^T + m v^T - (m\cdot v)I)` (ab).
+
+Frames are numbered: first the N segments, then the frames of supports. ``column`` says where the
+unknowns of a frame are: in the band below ``length``, in the border from there on, -1 where the
+frame is prescribed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .._compile import jit as _jit
+from .quaternions import exp_of, mul, normalized
+
+jit = _jit(error_model="numpy", no_cfunc_wrapper=True)
+
+
+class Plan(NamedTuple):
+    """What the compiled passes know of a rod.
+
+    Attributes
+    ----------
+    left, right : ndarray (n,) of int64
+        Frames that each hinge joins.
+    span : ndarray (n,)
+        Rest (Voronoi) length of each hinge.
+    twist : ndarray (n, 2)
+        Cosine and sine of half the angle about d3 by which the right frame of a hinge is turned
+        before it is compared: that of the joint of a closed rod, (1, 0) elsewhere.
+    column : ndarray (K,) of int64
+        First unknown of each frame, or -1.
+    axis : ndarray (K, 3)
+        Of frames that turn about an axis by one unknown angle: that axis in the frame.
+    turning : ndarray (K,) of int64
+        1 for those frames.
+    lengths : ndarray (N,)
+        Rest lengths of the segments.
+    rows : ndarray (m, 4) of int64
+        Constraints: component, first and last (exclusive) segment of a sum, and its sign.
+    stretch_column : ndarray (N,) of int64
+        Unknown of the stretch of each segment, or -1.
+    arms : ndarray (c, 7)
+        Couples: number of a segment, force (spatial), arm (body).
+    length : int
+        Number of columns of the band.
+    first_angle : int
+        Position of the first unknown angle.
+    stiffness : float
+        Stretching stiffness, or -1 for an inextensible rod.
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    span: np.ndarray
+    twist: np.ndarray
+    column: np.ndarray
+    axis: np.ndarray
+    turning: np.ndarray
+    lengths: np.ndarray
+    rows: np.ndarray
+    stretch_column: np.ndarray
+    arms: np.ndarray
+    length: int
+    first_angle: int
+    stiffness: float
+
+
+@jit
+def hinge_rotations(frames, plan, q, kappa):
+    """Write the rotation across each hinge (n, 4), scalar part not negative, and kappa = 2 vec q."""
+    for i in range(plan.left.size):
+        a = plan.left[i]
+        b = plan.right[i]
+        p0, p1, p2, p3 = frames[a, 0], -frames[a, 1], -frames[a, 2], -frames[a, 3]
+        r0, r1, r2, r3 = frames[b, 0], frames[b, 1], frames[b, 2], frames[b, 3]
+        s, x, y, z = mul((p0, p1, p2, p3), (r0, r1, r2, r3))  # (4.14)
+        if plan.twist[i, 1] != 0.0:
+            s, x, y, z = mul((s, x, y, z), (plan.twist[i, 0], 0.0, 0.0, plan.twist[i, 1]))
+        sign = -1.0 if s < 0.0 else 1.0
+        q[i, 0] = sign * s
+        q[i, 1] = sign * x
+        q[i, 2] = sign * y
+        q[i, 3] = sign * z
+        kappa[i, 0] = 2.0 * sign * x  # (4.16)
+        kappa[i, 1] = 2.0 * sign * y
+        kappa[i, 2] = 2.0 * sign * z
+
+
+@jit
+def _add(band, border, corner, i, j, value):
+    """Add to the entries (i, j) and (j, i) of the bordered band."""
+    length = band.shape[0]
+    low = min(i, j)
+    high = max(i, j)
+    if high < length:
+        band[low, high - low] += value
+    elif low < length:
+        border[low, high - length] += value
+    else:
+        corner[low - length, high - length] += value
+        if low != high:
+            corner[high - length, low - length] += value
+
+
+@jit
+def _add_pair(band, border, corner, plan, a, b, block):
+    """Add the block of two frames (rows a, columns b), projected where a frame has one unknown."""
+    ca = plan.column[a]
+    cb = plan.column[b]
+    if ca < 0 or cb < 0:
+        return
+    for r in range(1 if plan.turning[a] else 3):
+        for c in range(1 if plan.turning[b] else 3):
+            if a == b and c > r:
+                continue
+            value = 0.0
+            for i in range(3):
+                wi = plan.axis[a, i] if plan.turning[a] else (1.0 if i == r else 0.0)
+                if wi == 0.0:
+                    continue
+                for j in range(3):
+                    wj = plan.axis[b, j] if plan.turning[b] else (1.0 if j == c else 0.0)
+                    value += wi * wj * block[i, j]
+            _add(band, border, corner, ca + r, cb + c, value)
+
+
+@jit
+def assemble(
+    frames,
+    stretches,
+    q,
+    stress,
+    stiffness,
+    plan,
+    forces,
+    gradient,
+    band,
+    border,
+    corner,
+    sums,
+    order,
+):
+    r"""Add up everything but the energy of the hinges.
+
+    Parameters
+    ----------
+    frames : ndarray (K, 4)
+    stretches : ndarray (N,)
+    q : ndarray (n, 4)
+        From `hinge_rotations`.
+    stress : ndarray (n, 3)
+        Derivative of the energy of each hinge with respect to kappa, (n, 3).
+    stiffness : ndarray (n, 3, 3)
+        Second derivative.
+    plan : Plan
+    forces : ndarray (2, N, 3)
+        What stands beside :math:`\ell_j e_j t_j` in the Lagrangian with the opposite sign: dead loads
+        alone, and with the multipliers of the constraints.
+    gradient : ndarray (length + b,)
+        Of the Lagrangian. Overwritten.
+    band, border, corner : ndarray (length, w + 1), (length, b), (b, b)
+        Of the KKT matrix. Overwritten if order is 2.
+    sums : ndarray (m,)
+        Values of the sums of the constraints. Overwritten.
+    order : int
+
+    Returns
+    -------
+    energy : float
+        Of stretching, of dead forces and couples.
+    """
+    length = plan.length
+    n = plan.lengths.size
+    m = plan.rows.shape[0]
+    first_row = length + border.shape[1] - m
+    energy = 0.0
+    if order >= 1:
+        gradient[:] = 0.0
+    if order >= 2:
+        band[:] = 0.0
+        border[:] = 0.0
+        corner[:] = 0.0
+    # ---- segments: dead forces, stretching, rows of the border
+    lost = np.zeros(m)
+    sums[:] = 0.0
+    for j in range(n):
+        s, x, y, z = frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3]
+        d1 = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + s * z), 2.0 * (x * z - s * y))
+        d2 = (2.0 * (x * y - s * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + s * x))
+        d3 = (2.0 * (x * z + s * y), 2.0 * (y * z - s * x), 1.0 - 2.0 * (x * x + y * y))
+        e = stretches[j]
+        le = plan.lengths[j] * e
+        energy -= le * (forces[0, j, 0] * d3[0] + forces[0, j, 1] * d3[1] + forces[0, j, 2] * d3[2])
+        for r in range(m):
+            if plan.rows[r, 1] <= j < plan.rows[r, 2]:
+                k = plan.rows[r, 0]
+                term = d3[0] if k == 0 else (d3[1] if k == 1 else d3[2])
+                # Kahan's sum: the ends of a long chain are known to the round-off of one addition
+                term = plan.rows[r, 3] * le * term - lost[r]
+                total = sums[r] + term
+                lost[r] = (total - sums[r]) - term
+                sums[r] = total
+        strain = 0.0
+        ce = plan.stretch_column[j]
+        if plan.stiffness >= 0.0:
+            strain = 0.5 * (e * e - 1.0)  # (4.17) over the rest length
+            energy += 0.5 * plan.stiffness * plan.lengths[j] * strain * strain
+        if order == 0:
+            continue
+        c = plan.column[j]
+        fx = forces[1, j, 0]
+        fy = forces[1, j, 1]
+        fz = forces[1, j, 2]
+        p1 = fx * d1[0] + fy * d1[1] + fz * d1[2]
+        p2 = fx * d2[0] + fy * d2[1] + fz * d2[2]
+        p3 = fx * d3[0] + fy * d3[1] + fz * d3[2]
+        if c >= 0:
+            gradient[c] += le * p2
+            gradient[c + 1] -= le * p1
+        if ce >= 0:
+            gradient[ce] += plan.lengths[j] * (plan.stiffness * strain * e - p3)
+        if order == 1:
+            continue
+        if c >= 0:
+            _add(band, border, corner, c, c, le * p3)
+            _add(band, border, corner, c + 1, c + 1, le * p3)
+            _add(band, border, corner, c + 2, c, -0.5 * le * p1)
+            _add(band, border, corner, c + 2, c + 1, -0.5 * le * p2)
+        if ce >= 0:
+            bend = plan.lengths[j] * plan.stiffness * (e * e + strain)
+            _add(band, border, corner, ce, ce, bend)
+            if c >= 0:
+                _add(band, border, corner, ce, c, plan.lengths[j] * p2)
+                _add(band, border, corner, ce, c + 1, -plan.lengths[j] * p1)
+        for r in range(m):
+            if plan.rows[r, 1] <= j < plan.rows[r, 2]:
+                k = plan.rows[r, 0]
+                w = plan.rows[r, 3] * plan.lengths[j]
+                if c >= 0:
+                    _add(band, border, corner, c, first_row + r, -w * e * d2[k])
+                    _add(band, border, corner, c + 1, first_row + r, w * e * d1[k])
+                if ce >= 0:
+                    _add(band, border, corner, ce, first_row + r, w * d3[k])
+    # ---- couples
+    block = np.zeros((3, 3))
+    p = np.zeros(3)
+    for i in range(plan.arms.shape[0]):
+        j = int(plan.arms[i, 0])
+        s, x, y, z = frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3]
+        _body(s, x, y, z, plan.arms[i, 1:4], p)
+        arm = plan.arms[i, 4:7]
+        pa = p[0] * arm[0] + p[1] * arm[1] + p[2] * arm[2]
+        energy -= pa
+        c = plan.column[j]
+        if order == 0 or c < 0:
+            continue
+        gradient[c] -= arm[1] * p[2] - arm[2] * p[1]
+        gradient[c + 1] -= arm[2] * p[0] - arm[0] * p[2]
+        gradient[c + 2] -= arm[0] * p[1] - arm[1] * p[0]
+        if order >= 2:
+            for r in range(3):
+                for k in range(3):
+                    block[r, k] = -0.5 * (p[r] * arm[k] + arm[r] * p[k])
+                block[r, r] += pa
+            _add_pair(band, border, corner, plan, j, j, block)
+    # ---- hinges
+    if order >= 1:
+        _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, order)
+    return energy
+
+
+@jit
+def _body(s, x, y, z, w, out):
+    """Write the components of the spatial vector w in the frame."""
+    out[0] = (
+        (1.0 - 2.0 * (y * y + z * z)) * w[0]
+        + 2.0 * (x * y + s * z) * w[1]
+        + 2.0 * (x * z - s * y) * w[2]
+    )
+    out[1] = (
+        2.0 * (x * y - s * z) * w[0]
+        + (1.0 - 2.0 * (x * x + z * z)) * w[1]
+        + 2.0 * (y * z + s * x) * w[2]
+    )
+    out[2] = (
+        2.0 * (x * z + s * y) * w[0]
+        + 2.0 * (y * z - s * x) * w[1]
+        + (1.0 - 2.0 * (x * x + y * y)) * w[2]
+    )
+
+
+@jit
+def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, order):
+    """Add gradient and Hessian of the energy of the hinges."""
+    length = plan.length
+    g = np.zeros((2, 3))
+    cross = np.zeros((3, 3))
+    cx = np.zeros((3, 3))
+    cxt = np.zeros((3, 3))
+    aa = np.zeros((3, 3))
+    ab = np.zeros((3, 3))
+    bb = np.zeros((3, 3))
+    for i in range(plan.left.size):
+        a = plan.left[i]
+        b = plan.right[i]
+        ca = plan.column[a]
+        cb = plan.column[b]
+        s, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        m0, m1, m2 = stress[i, 0], stress[i, 1], stress[i, 2]
+        # b: X^T m = s m + m x v; a: -X m = -s m - v x m
+        w0 = m1 * z - m2 * y
+        w1 = m2 * x - m0 * z
+        w2 = m0 * y - m1 * x
+        g[0, 0] = w0 - s * m0
+        g[0, 1] = w1 - s * m1
+        g[0, 2] = w2 - s * m2
+        g[1, 0] = w0 + s * m0
+        g[1, 1] = w1 + s * m1
+        g[1, 2] = w2 + s * m2
+        turned = plan.twist[i, 1] != 0.0
+        if turned:  # the right increment acts before the turn about d3
+            _turn_vector(g[1], plan.twist[i, 0], plan.twist[i, 1])
+        for side in range(2):
+            f = a if side == 0 else b
+            c = ca if side == 0 else cb
+            if c < 0:
+                continue
+            if plan.turning[f]:
+                for k in range(3):
+                    gradient[c] += plan.axis[f, k] * g[side, k]
+            else:
+                for k in range(3):
+                    gradient[c + k] += g[side, k]
+        if order < 2:
+            continue
+        cross[0, 0] = s
+        cross[1, 1] = s
+        cross[2, 2] = s
+        cross[0, 1] = -z
+        cross[0, 2] = y
+        cross[1, 0] = z
+        cross[1, 2] = -x
+        cross[2, 0] = -y
+        cross[2, 1] = x
+        for r in range(3):
+            for k in range(3):
+                cx[r, k] = (
+                    stiffness[i, r, 0] * cross[0, k]
+                    + stiffness[i, r, 1] * cross[1, k]
+                    + stiffness[i, r, 2] * cross[2, k]
+                )
+                cxt[r, k] = (
+                    stiffness[i, r, 0] * cross[k, 0]
+                    + stiffness[i, r, 1] * cross[k, 1]
+                    + stiffness[i, r, 2] * cross[k, 2]
+                )
+        for r in range(3):
+            for k in range(3):
+                bb[r, k] = cross[0, r] * cx[0, k] + cross[1, r] * cx[1, k] + cross[2, r] * cx[2, k]
+                aa[r, k] = (
+                    cross[r, 0] * cxt[0, k] + cross[r, 1] * cxt[1, k] + cross[r, 2] * cxt[2, k]
+                )
+                ab[r, k] = -(
+                    cross[r, 0] * cx[0, k] + cross[r, 1] * cx[1, k] + cross[r, 2] * cx[2, k]
+                )
+        mv = 0.5 * (m0 * x + m1 * y + m2 * z)
+        for r in range(3):
+            aa[r, r] -= mv
+            bb[r, r] -= mv
+            ab[r, r] -= mv
+        h = 0.5 * s
+        ab[0, 0] += x * m0
+        ab[1, 1] += y * m1
+        ab[2, 2] += z * m2
+        u = 0.5 * (x * m1 + y * m0)
+        ab[0, 1] += u - h * m2
+        ab[1, 0] += u + h * m2
+        u = 0.5 * (x * m2 + z * m0)
+        ab[0, 2] += u + h * m1
+        ab[2, 0] += u - h * m1
+        u = 0.5 * (y * m2 + z * m1)
+        ab[1, 2] += u - h * m0
+        ab[2, 1] += u + h * m0
+        if turned:
+            c2 = plan.twist[i, 0]
+            s2 = plan.twist[i, 1]
+            for r in range(3):
+                _turn_vector(ab[r], c2, s2)
+                _turn_vector(bb[r], c2, s2)
+            for k in range(3):
+                _turn_vector(bb[:, k], c2, s2)
+        if (
+            ca >= 0 and cb > ca and cb < length and plan.turning[a] == 0 and plan.turning[b] == 0
+        ):  # neighbors in the band
+            step = cb - ca
+            for r in range(3):
+                for k in range(3):
+                    if r >= k:
+                        band[ca + k, r - k] += aa[r, k]
+                        band[cb + k, r - k] += bb[r, k]
+                    band[ca + k, step + r - k] += ab[k, r]
+        else:
+            _add_pair(band, border, corner, plan, a, a, aa)
+            _add_pair(band, border, corner, plan, b, b, bb)
+            _add_pair(band, border, corner, plan, a, b, ab)
+
+
+@jit
+def _turn_vector(w, c, s):
+    """Turn a vector about d3, by the angle whose half has cosine c and sine s."""
+    cos = c * c - s * s
+    sin = 2.0 * c * s
+    u = cos * w[0] - sin * w[1]
+    w[1] = sin * w[0] + cos * w[1]
+    w[0] = u
+
+
+@jit
+def retract(frames, stretches, step, dx, plan, new_frames, new_stretches, angles, new_angles):
+    """Write the state after the fraction `step` of the increment `dx` (by position)."""
+    count = plan.lengths.size
+    for f in range(frames.shape[0]):
+        c = plan.column[f]
+        d = (frames[f, 0], frames[f, 1], frames[f, 2], frames[f, 3])
+        if c >= 0:
+            if plan.turning[f]:
+                turn = step * dx[c]
+                theta = (turn * plan.axis[f, 0], turn * plan.axis[f, 1], turn * plan.axis[f, 2])
+                k = c - plan.first_angle
+                new_angles[k] = angles[k] + turn
+            else:
+                theta = (step * dx[c], step * dx[c + 1], step * dx[c + 2])
+            d = normalized(mul(d, exp_of(theta)))
+        new_frames[f, 0] = d[0]
+        new_frames[f, 1] = d[1]
+        new_frames[f, 2] = d[2]
+        new_frames[f, 3] = d[3]
+    for j in range(count):
+        ce = plan.stretch_column[j]
+        new_stretches[j] = stretches[j] + (step * dx[ce] if ce >= 0 else 0.0)
+
+
+@jit
+def largest_step(stretches, q, dx, plan):
+    """Return the largest fraction of `dx` at which no hinge reaches the angle pi.
+
+    Along exp(-ta/2) q exp(tb/2) the angular velocity is constant in size: |b - R(q)^T a|.
+    """
+    fraction = 1.0
+    w = np.zeros((2, 3))
+    turned = np.zeros(3)
+    for i in range(plan.left.size):
+        for side in range(2):
+            f = plan.left[i] if side == 0 else plan.right[i]
+            c = plan.column[f]
+            for k in range(3):
+                if c < 0:
+                    w[side, k] = 0.0
+                elif plan.turning[f]:
+                    w[side, k] = dx[c] * plan.axis[f, k]
+                else:
+                    w[side, k] = dx[c + k]
+        if plan.twist[i, 1] != 0.0:  # b in the frame that is compared
+            _turn_vector(w[1], plan.twist[i, 0], -plan.twist[i, 1])
+        s, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        _body(s, x, y, z, w[0], turned)
+        speed = math.sqrt(
+            (w[1, 0] - turned[0]) ** 2 + (w[1, 1] - turned[1]) ** 2 + (w[1, 2] - turned[2]) ** 2
+        )
+        angle = 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), s)
+        room = 0.9 * (math.pi - angle)
+        if speed * fraction > room:
+            fraction = room / speed
+    for j in range(plan.lengths.size):
+        ce = plan.stretch_column[j]
+        if ce >= 0 and dx[ce] < 0.0:
+            fraction = min(fraction, -0.9 * stretches[j] / dx[ce])
+    return max(fraction, 1e-6)
+
+
+@jit
+def positions(frames, stretches, lengths, out):
+    """Write the nodes (N + 1, 3) relative to the first, by Kahan's sum."""
+    lost = np.zeros(3)
+    out[0] = 0.0
+    step = np.zeros(3)
+    for j in range(lengths.size):
+        s, x, y, z = frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3]
+        le = lengths[j] * stretches[j]
+        step[0] = le * 2.0 * (x * z + s * y)
+        step[1] = le * 2.0 * (y * z - s * x)
+        step[2] = le * (1.0 - 2.0 * (x * x + y * y))
+        for k in range(3):
+            term = step[k] - lost[k]
+            total = out[j, k] + term
+            lost[k] = (total - out[j, k]) - term
+            out[j + 1, k] = total
