@@ -7,11 +7,14 @@ numbers in another way; this script exists so that the tables can be made again.
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
 from mpmath import cos, cosh, mp, mpf, nstr, sin, sinh, sqrt
 
 from lissome import literature
+from lissome.references import buckling, folding, ring
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 ARGUMENTS = [
@@ -28,24 +31,104 @@ def audoly_neukirch_phi(v: mpf) -> mpf:
     return 4 / v**2 * (mpf(1) / 2 - (cosh(s) - cos(s)) / (s * (sinh(s) + sin(s))))
 
 
-def main() -> None:
+def write(name: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    with open(DATA / f"{name}.csv", "w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+    literature.seal([name], folder=DATA)
+
+
+def phi_rows() -> Iterable[list[str]]:
     mp.dps = (
         60  # the bracket cancels like v**2: sixty digits leave fifteen at v = 0.1 and far below
     )
-    with open(DATA / "audoly-neukirch-phi.csv", "w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["v", "phi", "phi_sano_wada", "large_v"])
-        for text in ARGUMENTS:
-            v = mpf(text)
-            writer.writerow(
-                [
-                    text,
-                    nstr(audoly_neukirch_phi(v), 15),
-                    nstr(1 / (360 + v**2 / 2), 15),
-                    "" if v == 0 else nstr(2 / v**2, 15),
-                ]
-            )
-    literature.seal(["audoly-neukirch-phi"], folder=DATA)
+    for text in ARGUMENTS:
+        v = mpf(text)
+        yield [
+            text,
+            nstr(audoly_neukirch_phi(v), 15),
+            nstr(1 / (360 + v**2 / 2), 15),
+            "" if v == 0 else nstr(2 / v**2, 15),
+        ]
+
+
+def digits(value: float, count: int = 10) -> str:
+    """Return a number to `count` decimals, all of them certain; zero without a sign."""
+    return f"{round(float(value), count) + 0.0:.{count}f}"
+
+
+def cantilever_rows() -> Iterable[list[str]]:
+    """Fig. 4.4 of the thesis: loads up to five times the critical one."""
+    for kind, critical, tips in (
+        ("end", buckling.end_loads()[0], buckling.end_load_tips),
+        ("distributed", buckling.distributed_loads()[0], buckling.distributed_load_tips),
+    ):
+        steps = [*np.linspace(0.0, 1.0, 5), *np.linspace(1.0, 1.2, 11)[1:]]
+        ratios = np.array([*steps, *np.linspace(1.2, 5.0, 39)[1:]])
+        loads = np.round(ratios * critical, 6)
+        for load, (x, y) in zip(loads, tips(loads), strict=True):
+            yield [kind, digits(load, 6), digits(x), digits(y)]
+
+
+def slinky(constant: float | None, radial: str = "width") -> ring.RingSection:
+    """Bar of 5 mm by 2 mm with Poisson's ratio 0.41; the exact torsion constant by default."""
+    return ring.RingSection.rectangle(5.0, 2.0, 0.41, radial=radial, torsion_constant=constant)
+
+
+TORSION = {"thesis": 0.256, "exact": None}
+
+
+def threshold_rows() -> Iterable[list[str]]:
+    for name, constant in TORSION.items():
+        for radial in ("width", "thickness"):
+            for turns in (1, 2, 3, 4):
+                low, high = ring.stable_range(slinky(constant, radial), turns)
+                yield [name, radial, str(turns), digits(low), digits(high)]
+
+
+def slinky_rows() -> Iterable[list[str]]:
+    """Fig. 4.5b of the thesis."""
+    for name, constant in TORSION.items():
+        section = slinky(constant)
+        onset, end = ring.mode_threshold(section, 1, 2), ring.mode_threshold(section, 3, 2)
+        for o in np.round(np.linspace(1.0, 3.1, 106), 2):
+            if onset < o < end:
+                fold = folding.folded_ring(section, float(o))
+                values = [fold.crest_distance, fold.height]
+                energy = fold.energy / section.in_plane
+                twist = fold.largest_twist
+            else:
+                turns = 1 if o <= onset else 3
+                values = [(2 - turns) / (turns * np.pi), 0.0]
+                energy, twist = 0.5 * (2.0 * np.pi * (turns - o)) ** 2, 0.0
+            row = [abs(values[0]), *values, energy, twist]
+            yield [name, f"{o:.2f}", *map(digits, row)]
+
+
+def shape_rows() -> Iterable[list[str]]:
+    """Fig. 4.5a of the thesis, with its torsion constant."""
+    for o in (1.2, 1.5, 2.0, 2.5, 2.8):
+        fold = folding.folded_ring(slinky(TORSION["thesis"]), o)
+        s = np.arange(65) / 64
+        for place, point, strain in zip(s, fold.points(s), fold.strains(s), strict=True):
+            yield [f"{o:.1f}", f"{place:.6f}", *map(digits, point), *map(digits, strain)]
+
+
+def main() -> None:
+    write("audoly-neukirch-phi", ["v", "phi", "phi_sano_wada", "large_v"], phi_rows())
+    write("cantilever-tips", ["load_type", "load", "x", "y"], cantilever_rows())
+    write("slinky-thresholds", ["torsion", "radial", "turns", "low", "high"], threshold_rows())
+    write(
+        "slinky-continuum",
+        ["torsion", "overcurvature", "distance", "crest_distance", "height", "energy", "twist"],
+        slinky_rows(),
+    )
+    write(
+        "slinky-shapes",
+        ["overcurvature", "position", "x", "y", "z", "bending_out", "bending_in", "twist"],
+        shape_rows(),
+    )
 
 
 if __name__ == "__main__":
