@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lissome.errors import InvalidInput
-from lissome.plates import TENSORS, SigmoidCurve, TabulatedCurve, fit_sigmoid, transverse_strain
+from lissome.plates import SigmoidCurve, TabulatedCurve, fit_sigmoid, transverse_strain
+from lissome.plates.thermal_strain import TENSORS
 
 
 @pytest.mark.parametrize("shape", ["logistic", "gaussian"])

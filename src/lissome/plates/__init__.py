@@ -17,28 +17,40 @@ True
 """
 
 from .directors import Defect, Director, UniformDirector, UserDirector, require_inside
+from .heat import (
+    Conduction,
+    Convection,
+    FixedTemperature,
+    HeatFlux,
+    Insulated,
+    TemperatureHistory,
+    TemperatureProfile,
+)
 from .laminate import Laminate, Layer, Spontaneous
 from .thermal_strain import (
-    TENSORS,
     NoStrain,
     SigmoidCurve,
-    StrainCurve,
     TabulatedCurve,
     fit_sigmoid,
     transverse_strain,
 )
 
 __all__ = [
-    "TENSORS",
+    "Conduction",
+    "Convection",
     "Defect",
     "Director",
+    "FixedTemperature",
+    "HeatFlux",
+    "Insulated",
     "Laminate",
     "Layer",
     "NoStrain",
     "SigmoidCurve",
     "Spontaneous",
-    "StrainCurve",
     "TabulatedCurve",
+    "TemperatureHistory",
+    "TemperatureProfile",
     "UniformDirector",
     "UserDirector",
     "fit_sigmoid",

@@ -20,10 +20,8 @@ from .._validate import finite, finite_array, one_of, positive
 from ..errors import InvalidInput
 
 __all__ = [
-    "TENSORS",
     "NoStrain",
     "SigmoidCurve",
-    "StrainCurve",
     "TabulatedCurve",
     "fit_sigmoid",
     "transverse_strain",
