@@ -112,7 +112,10 @@ def checked_values(result: Any, n: int, strains: Sequence[str], order: int, name
         if value is None:
             raise InvalidInput(f"{name} returned None as its {label}; a law must return {wanted}")
         try:
-            array = np.ascontiguousarray(value, dtype=float)
+            raw = np.asarray(value)
+            if raw.dtype.kind == "c":
+                raise TypeError("it is complex")
+            array = np.ascontiguousarray(raw, dtype=float)
         except (TypeError, ValueError) as error:
             raise InvalidInput(
                 f"{name} returned a {label} that is not an array of real numbers ({error})"

@@ -232,6 +232,27 @@ class CompiledLaw:
         """Write energy, stress and stiffness into arrays; nothing is checked."""
         self.kernel(self.parameters, k, energy, stress, stiffness, order)
 
+    @staticmethod
+    def stiffness_pair(bending: Any) -> tuple[float | Array, float | Array]:
+        """Return two checked stiffnesses from (B1, B2), or from one number for both."""
+        pair = (bending, bending) if _is_number(bending) else bending
+        try:
+            first, second = pair
+        except (TypeError, ValueError):
+            raise InvalidInput(
+                f"argument `bending` is {bending!r}; pass (B1, B2), the stiffnesses about d1 and d2, "
+                "or one number for both"
+            ) from None
+        return varying("bending[0]", first, positive), varying("bending[1]", second, positive)
+
+    def _one_row(self) -> list[float]:
+        if self.count is not None:
+            raise InvalidInput(
+                f"this {type(self).__name__} varies along the rod; take the law of one node first, "
+                "`law.at([i])`"
+            )
+        return [float(x) for x in self.parameters[0]]
+
     def energy(self, k: Array) -> Array:
         """Return the energy per unit length, shape (n,)."""
         return self.evaluate(k, 0)[0]
@@ -321,16 +342,7 @@ class Kirchhoff(CompiledLaw):
     kernel: ClassVar[Any] = staticmethod(_kirchhoff)
 
     def __post_init__(self) -> None:
-        pair = (self.bending, self.bending) if _is_number(self.bending) else self.bending
-        try:
-            first, second = pair
-        except (TypeError, ValueError):
-            raise InvalidInput(
-                f"argument `bending` is {self.bending!r}; pass (B1, B2), the stiffnesses about d1 and "
-                "d2, or one number for both"
-            ) from None
-        first = varying("bending[0]", first, positive)
-        second = varying("bending[1]", second, positive)
+        first, second = self.stiffness_pair(self.bending)
         twisting = varying("twisting", self.twisting, positive)
         common_count(**{"bending[0]": first, "bending[1]": second, "twisting": twisting})
         object.__setattr__(self, "bending", (first, second))
