@@ -10,11 +10,11 @@ that is: turn the reference frame by :math:`\varphi^j` about its own tangent :ma
 then carry it to the tangent :math:`t^j` of the segment on the shortest way.
 
 :func:`strain_energy` gives energy, gradient and Hessian of any law in these unknowns.
-:class:`CenterlineTwist` is a whole rod in them, with one constraint of inextensibility for each segment:
-a second structure with the same discrete equilibria as the rod that it is made from, which uses
-other unknowns (the frames themselves). It is here to check that one, and to check the formulas of the
-thesis; it costs more, and its matrices are worse conditioned by a factor of about the number of segments
-squared.
+:class:`~lissome.rods.centerline_structure.CenterlineTwist` is a whole rod in them, with one constraint
+of inextensibility for each segment: a second structure with the same discrete equilibria as the rod
+that it is made from, which uses other unknowns (the frames themselves). It is here to check that one,
+and to check the formulas of the thesis; it costs more, and its matrices are worse conditioned by a
+factor of about the number of segments squared.
 
 **The reference.** Energy, strains, and the derivative with respect to the twist angles do not
 depend on it. The derivative with respect to the nodes does away from equilibrium, because a motion of a node
@@ -256,6 +256,26 @@ class CenterlineState:
         angle = 2.0 * np.arctan2(along, q[:, 0])
         angle -= 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
         return CenterlineState(self.positions, angle, reference)  # type: ignore[arg-type]
+
+
+def reconstructed(
+    positions: Array, twists: Array, reference: Array, reset_below: float
+) -> CenterlineState:
+    """Return a state of arrays of the right shapes, with new references where 1 + T.t is small."""
+    made, least = _reconstruct(positions, twists, reference)
+    _check_chart(made, least)
+    if least < reset_below:
+        far = made.bent < reset_below
+        twists = np.where(far, 0.0, twists)
+        reference = np.where(far[:, None], made.frames, reference)
+        reference /= np.sqrt(np.sum(reference**2, axis=1))[:, None]
+        made, _ = _reconstruct(positions, twists, reference)
+    state: CenterlineState = object.__new__(CenterlineState)
+    for name, array in (("positions", positions), ("twists", twists), ("reference", reference)):
+        array.flags.writeable = False
+        object.__setattr__(state, name, array)
+    object.__setattr__(state, "_made", made)
+    return state
 
 
 def _frozen(array: Array) -> Array:
