@@ -397,8 +397,8 @@ class CenterlineTwist(BaseStructure):
         >>> twin = CenterlineTwist(rod.clamped("start").loaded(end=(1.0, 0.0, 0.0)))
         >>> matrix, width, rhs = twin.newton_system(twin.start(), np.zeros(20))
         >>> _, _, step, info = dgbsv(width, width, matrix, rhs)
-        >>> (width, info, round(step.max(), 3))  # the small deflection of a cantilever: 1/3
-        (12, 0, 0.333)
+        >>> print(width, info, round(float(step.max()), 2))  # a cantilever's deflection: 1/3
+        12 0 0.33
         """
         evaluation = self.evaluate(state, multipliers, 2)
         assert isinstance(evaluation.kkt, ChainKKT)
