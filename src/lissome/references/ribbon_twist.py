@@ -1,0 +1,603 @@
+r"""A ribbon bent into half a circle whose clamps turn: the continuum model of Sano and Wada.
+
+The ribbon is inextensible along its center line, of energy per unit length (4.41)
+
+.. math:: W = \tfrac12\left[A_1\kappa_1^2 + A_2\left(\kappa_2^2
+   + \frac{\kappa_3^4}{\xi^{-2} + \kappa_2^2}\right) + A_3\kappa_3^2\right]
+
+with the width along :math:`d_2`. Lengths are in units of the radius R of the half circle, energies of
+:math:`A_2/R`. The clamps stand at :math:`\mp e_x`, their tangents are :math:`\pm e_z`, the width is
+along :math:`e_y` at first. Then
+
+``"mirror"``
+    the clamps turn by :math:`+\phi` and :math:`-\phi` about :math:`e_z`: mirror images of each other,
+    so that the halves of the ribbon are twisted in opposite senses and the net twist is zero;
+``"rotation"``
+    both turn by :math:`+\phi` about :math:`e_z`, which is :math:`+\phi` and :math:`-\phi` about the
+    ribbon's own tangent: the net twist is :math:`2\phi`, and half a turn about :math:`e_z` maps the
+    ribbon onto itself.
+
+Equilibria of that symmetry are solved for on one half, by Gauss collocation of
+
+.. math:: m' + \kappa\times m + e_3\times n = 0,\qquad
+   \begin{pmatrix} m_2' \\ m_3'\end{pmatrix} = \frac{\partial^2 W}{\partial(\kappa_2,\kappa_3)^2}
+   \begin{pmatrix} \kappa_2' \\ \kappa_3'\end{pmatrix}
+
+in the ribbon's own frame, for the center line, a quaternion, :math:`m_1`, :math:`\kappa_2`,
+:math:`\kappa_3` and the constant force. Where the Hessian of W ceases to be positive definite the
+equations are singular and the model asks for strains that jump: branches end there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import eigh, qr
+
+from .._validate import finite, in_open_interval, integer_at_least, one_of, positive
+from ..errors import InvalidInput, NotConverged
+from ._collocation import Family, Point, gauss
+
+__all__ = ["Branch", "Equilibrium", "Fold", "Ribbon", "equilibrium", "stability", "trace"]
+
+Array = npt.NDArray[np.float64]
+Reading = Literal["mirror", "rotation"]
+Form = Literal["thesis", "audoly-neukirch", "panda-jawed"]
+_HALF = np.pi / 2.0
+_DEFECT = 1e-4  # of the collocation polynomial between its points; the nodes are far better
+
+
+@dataclass(frozen=True)
+class Ribbon:
+    r"""A thin rectangular ribbon in the model of Sano and Wada.
+
+    Parameters
+    ----------
+    width, thickness, radius : float
+        w, h and the radius R of the half circle, all in the same unit.
+    poisson_ratio : float
+        In (-1, 0.5].
+    form : {'thesis', 'audoly-neukirch', 'panda-jawed'}
+        Which of the three published squares of the extensibility length :math:`\xi`:
+        :math:`(1-\nu^2)w^4/60h^2`, :math:`w^4/60h^2` or :math:`w^4/120h^2`.
+
+    Examples
+    --------
+    >>> ribbon = Ribbon(width=8.0, thickness=0.2, radius=108.0, poisson_ratio=0.3)
+    >>> round(ribbon.relative_width, 4), round(ribbon.hard_bending), round(ribbon.extensibility, 4)
+    (0.9712, 1600, 0.3649)
+    """
+
+    width: float
+    thickness: float = 0.2
+    radius: float = 108.0
+    poisson_ratio: float = 0.3
+    form: Form = "thesis"
+
+    def __post_init__(self) -> None:
+        for name in ("width", "thickness", "radius"):
+            positive(name, getattr(self, name))
+        nu = finite("poisson_ratio", self.poisson_ratio)
+        if not -1.0 < nu <= 0.5:
+            raise InvalidInput(f"argument `poisson_ratio` is {nu:g}; it must lie in (-1, 0.5]")
+        one_of("form", self.form, ("thesis", "audoly-neukirch", "panda-jawed"))
+
+    @property
+    def relative_width(self) -> float:
+        r"""Width over :math:`\sqrt{Lh}` with the length :math:`L = \pi R`."""
+        return float(self.width / np.sqrt(np.pi * self.radius * self.thickness))
+
+    @property
+    def hard_bending(self) -> float:
+        r""":math:`A_1/A_2 = w^2/h^2`."""
+        return (self.width / self.thickness) ** 2
+
+    @property
+    def twisting(self) -> float:
+        r""":math:`A_3/A_2 = 2/(1+\nu)`."""
+        return 2.0 / (1.0 + self.poisson_ratio)
+
+    @property
+    def extensibility(self) -> float:
+        r"""Extensibility length :math:`\xi/R`."""
+        factor = {
+            "thesis": (1.0 - self.poisson_ratio**2) / 60.0,
+            "audoly-neukirch": 1.0 / 60.0,
+            "panda-jawed": 1.0 / 120.0,
+        }[self.form]
+        return float(np.sqrt(factor) * self.width**2 / self.thickness / self.radius)
+
+    def energy_density(self, k1: npt.ArrayLike, k2: npt.ArrayLike, k3: npt.ArrayLike) -> Array:
+        """W in units of A2/R^2, strains in units of 1/R."""
+        one, two, three = (np.asarray(k) for k in (k1, k2, k3))
+        soft = two**2 + three**4 / (self.extensibility**-2 + two**2)
+        return np.asarray(0.5 * (self.hard_bending * one**2 + soft + self.twisting * three**2))
+
+    def moments(self, k2: npt.NDArray, k3: npt.NDArray) -> tuple[npt.NDArray, npt.NDArray]:
+        """Moments m2 and m3."""
+        base = self.extensibility**-2 + k2**2
+        return k2 - k3**4 * k2 / base**2, self.twisting * k3 + 2.0 * k3**3 / base
+
+    def tangent_moduli(
+        self, k2: npt.NDArray, k3: npt.NDArray
+    ) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
+        """Second derivatives W22, W23, W33."""
+        c = self.extensibility**-2
+        base = c + k2**2
+        return (
+            1.0 - k3**4 * (c - 3.0 * k2**2) / base**3,
+            -4.0 * k3**3 * k2 / base**2,
+            self.twisting + 6.0 * k3**2 / base,
+        )
+
+    def ellipticity(self, k2: npt.NDArray, k3: npt.NDArray) -> npt.NDArray:
+        """Determinant W22 W33 - W23^2; the Hessian is positive definite where it is positive.
+
+        W33 is always positive.
+        """
+        bend, mixed, twist = self.tangent_moduli(k2, k3)
+        return bend * twist - mixed**2
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """An equilibrium of one of the two symmetries, stored as its first half.
+
+    Attributes
+    ----------
+    ribbon : Ribbon
+        The ribbon.
+    reading : {'mirror', 'rotation'}
+        In which senses the clamps turn.
+    twist : float
+        The angle phi of the clamps, rad.
+    solution : Point
+        Center line, quaternion, m1, k2, k3 from the clamp (s = 0) to the middle (s = pi/2), and
+        the force components along x and y.
+    """
+
+    ribbon: Ribbon
+    reading: Reading
+    twist: float
+    solution: Point
+
+    @property
+    def midpoint(self) -> Array:
+        """Coordinates of the middle of the ribbon, units of R: along x, out of plane, in plane."""
+        return np.array(self.solution.nodes[-1, :3])
+
+    @property
+    def tilt(self) -> float:
+        """Angle by which the width at the middle has turned about x, in (-pi, pi]; rad."""
+        _, second, _ = _frame(self.solution.nodes[-1, 3:7])
+        return float(np.arctan2(second[2], second[1]))
+
+    @property
+    def force(self) -> Array:
+        """Force along x, y and z that the far half exerts on the first, units of A2/R^2."""
+        return np.array([*self.solution.parameters[:2], 0.0])
+
+    @property
+    def clamp_strains(self) -> Array:
+        """Strains k1, k2, k3 at the clamp, units of 1/R."""
+        return self.strains(0.0)
+
+    @cached_property
+    def margin(self) -> float:
+        """Least determinant of the Hessian of W by (k2, k3) over all points of the solution."""
+        states = np.concatenate([self.solution.nodes, self.solution.stage_values.reshape(-1, 10)])
+        return float(self.ribbon.ellipticity(states[:, 8], states[:, 9]).min())
+
+    @cached_property
+    def weakest(self) -> float:
+        """Arc length, from the clamp, of the least determinant."""
+        points = np.concatenate([self.solution.mesh, self.solution.stage_positions.ravel()])
+        states = np.concatenate([self.solution.nodes, self.solution.stage_values.reshape(-1, 10)])
+        return float(points[self.ribbon.ellipticity(states[:, 8], states[:, 9]).argmin()])
+
+    @property
+    def energy(self) -> float:
+        """Energy of the whole ribbon, units of A2/R."""
+        _, weight, _ = gauss(self.solution.slopes.shape[1])
+        values = self.solution.stage_values
+        density = self.ribbon.energy_density(
+            values[..., 7] / self.ribbon.hard_bending, values[..., 8], values[..., 9]
+        )
+        return float(2.0 * np.einsum("e,j,ej->", np.diff(self.solution.mesh), weight, density))
+
+    def positions(self, position: npt.ArrayLike) -> Array:
+        """Points of the first half at arc lengths in [0, pi/2], shape (..., 3)."""
+        return self.solution.at(position)[..., :3]
+
+    def strains(self, position: npt.ArrayLike) -> Array:
+        """Strains k1, k2, k3 at arc lengths in [0, pi/2], shape (..., 3)."""
+        values = self.solution.at(position)
+        return np.stack(
+            [values[..., 7] / self.ribbon.hard_bending, values[..., 8], values[..., 9]], axis=-1
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """A turning point of a branch.
+
+    Attributes
+    ----------
+    state : Equilibrium
+        The equilibrium there.
+    index : int
+        It lies between the states `index` and `index + 1` of the branch.
+    """
+
+    state: Equilibrium
+    index: int
+
+    @property
+    def twist(self) -> float:
+        """Critical angle of the clamps, rad."""
+        return self.state.twist
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A curve of equilibria.
+
+    Attributes
+    ----------
+    states : tuple of Equilibrium
+        In the order of arc length along the curve.
+    folds : tuple of Fold
+        Turning points of the twist.
+    end : {'range', 'ellipticity', 'count'}
+        Why it ends: the twist left the range asked for, the Hessian of the energy density was
+        about to lose its definiteness, or there were as many states as asked for.
+    """
+
+    states: tuple[Equilibrium, ...]
+    folds: tuple[Fold, ...]
+    end: Literal["range", "ellipticity", "count"]
+
+    @property
+    def twist(self) -> Array:
+        """Angles of the clamps, rad."""
+        return np.array([state.twist for state in self.states])
+
+    @property
+    def deflection(self) -> Array:
+        """Middle of the ribbon: out of plane and in plane, units of R; shape (k, 2)."""
+        return np.array([state.midpoint[1:] for state in self.states])
+
+    @property
+    def margin(self) -> Array:
+        """Least determinant of the Hessian, per state."""
+        return np.array([state.margin for state in self.states])
+
+
+def equilibrium(
+    ribbon: Ribbon,
+    twist: float,
+    *,
+    reading: Reading = "mirror",
+    elements: int = 24,
+    stages: int = 5,
+    layer: float = 0.03,
+) -> Equilibrium:
+    """Return the equilibrium at `twist` on the branch of the half circle, before its first fold.
+
+    Parameters
+    ----------
+    ribbon : Ribbon
+        The ribbon.
+    twist : float
+        Angle of the clamps, rad, positive.
+    reading, elements, stages, layer
+        As for :func:`trace`.
+
+    Raises
+    ------
+    NotConverged
+        If the branch folds or ends before `twist`.
+
+    Examples
+    --------
+    >>> state = equilibrium(Ribbon(8.0, poisson_ratio=0.4), 0.5)
+    >>> [round(float(x), 4) for x in state.midpoint[1:]]
+    [0.1768, 0.9782]
+    """
+    target = positive("twist", twist, "rad")
+    branch = trace(
+        ribbon,
+        reading=reading,
+        until=target,
+        elements=elements,
+        stages=stages,
+        layer=layer,
+        stop_at_fold=True,
+    )
+    if branch.end != "range":
+        raise NotConverged(
+            f"the branch of the half circle ends at the twist {branch.twist.max():.6f} rad "
+            f"({'a fold' if branch.folds else branch.end}) before the twist asked for, {target:g}"
+        )
+    family = _family(ribbon, reading, elements, stages, layer)
+    point = family.fixed(branch.states[-1].solution, target)
+    return Equilibrium(ribbon, reading, target, point)
+
+
+def trace(
+    ribbon: Ribbon,
+    *,
+    reading: Reading = "mirror",
+    until: float = 3.3,
+    step: float = 0.1,
+    count: int = 400,
+    elements: int = 24,
+    stages: int = 5,
+    layer: float = 0.03,
+    stop_at_fold: bool = False,
+) -> Branch:
+    r"""Follow the equilibria of one symmetry from the half circle, through folds.
+
+    Parameters
+    ----------
+    ribbon : Ribbon
+        The ribbon.
+    reading : {'mirror', 'rotation'}
+        In which senses the clamps turn.
+    until : float
+        The branch ends where the twist exceeds this or falls below -0.1; rad.
+    step : float
+        Largest step of pseudo-arclength (mean square of all unknowns).
+    count : int
+        Largest number of states.
+    elements, stages : int
+        Collocation elements on the half ribbon, and points in each.
+    layer : float
+        Elements are graded as a hyperbolic sine towards the clamp: their length there is about
+        `layer` times asinh(1/layer) times pi/2 over `elements`.
+    stop_at_fold : bool
+        End at the first fold (`end` is then 'count').
+
+    Returns
+    -------
+    Branch
+
+    Raises
+    ------
+    NotConverged
+        If no step, however small, leads on although the Hessian is far from singular.
+
+    Examples
+    --------
+    >>> branch = trace(Ribbon(8.0, poisson_ratio=0.4), stop_at_fold=True)
+    >>> round(branch.folds[0].twist, 4)
+    2.0119
+    """
+    top, longest = positive("until", until, "rad"), positive("step", step)
+    integer_at_least("count", count, 2)
+    family = _family(ribbon, reading, elements, stages, layer)
+    s = family.mesh
+    zero = np.zeros_like(s)
+    # d3 = (sin s, 0, cos s): turned by s about y, with the width along y
+    circle = [-np.cos(s), zero, np.sin(s), np.cos(s / 2), zero, np.sin(s / 2), zero, zero, zero + 1]
+    guess = family.start(np.stack([*circle, zero], axis=1), np.zeros(3))
+    point = family.fixed(guess, 0.0)
+    tangent = family.tangent(point)
+    states = [Equilibrium(ribbon, reading, 0.0, point)]
+    limit = 4 * elements
+    folds: list[Fold] = []
+    length = longest / 2.0
+    while len(states) < count:
+        try:
+            ahead = family.step(point, tangent, length)
+            turned = family.tangent(ahead, tangent)
+            if family.turn(tangent, turned, point) < 0.95:
+                raise NotConverged("the curve turns too much")
+            state = Equilibrium(ribbon, reading, float(ahead.parameters[-1]), ahead)
+            rough = family.defect(ahead) > _DEFECT
+            if rough.any():
+                if len(rough) + rough.sum() > limit:
+                    raise NotConverged("the strains vary too fast for the mesh")
+                # finer where the present state is, in case that the next one is out of reach
+                old = family.mesh
+                family, point = family.refined(point, rough)
+                tangent = family.tangent(point, _carried(tangent, old, family.mesh))
+                continue
+            if state.margin <= 0.0:
+                raise NotConverged("the Hessian of the energy density is not positive definite")
+        except (NotConverged, np.linalg.LinAlgError) as error:
+            length /= 2.0
+            if length > 1e-3 * longest:
+                continue
+            weakest = states[-1].margin
+            if weakest < 0.25 * ribbon.twisting:
+                return Branch(tuple(states), tuple(folds), "ellipticity")
+            raise NotConverged(
+                f"no step leads on from the twist {states[-1].twist:.6f} rad, where the least "
+                f"determinant of the Hessian is {weakest:.3g}; refine with `elements` or `layer`",
+                state=states[-1],
+            ) from error
+        if tangent[-1] * turned[-1] < 0.0:
+            there, _ = family.fold(point, tangent, length)
+            found = Equilibrium(ribbon, reading, float(there.parameters[-1]), there)
+            folds.append(Fold(found, len(states) - 1))
+            if stop_at_fold:
+                return Branch(tuple(states), tuple(folds), "count")
+        point, tangent = ahead, turned
+        states.append(state)
+        length = min(1.3 * length, longest)
+        if not -0.1 <= state.twist <= top:
+            return Branch(tuple(states), tuple(folds), "range")
+    return Branch(tuple(states), tuple(folds), "count")
+
+
+def stability(state: Equilibrium, *, degree: int = 4) -> tuple[float, float]:
+    r"""Lowest eigenvalues of the second variation, per unit length of squared rotation.
+
+    Rotations :math:`\theta` of the cross-sections, in the ribbon's frame, with
+    :math:`\delta\kappa = \theta' + \kappa\times\theta`, leave the length unchanged;
+
+    .. math:: \delta^2 E = \int \delta\kappa\cdot W''\delta\kappa
+       + m\cdot[\theta\times(\theta\times\kappa) - \theta\times\theta']
+       - n\cdot[\theta\times(\theta\times e_3)]\,ds
+
+    is discretized by polynomials on the elements of the solution, under the constraint that the
+    ends stay where they are.
+
+    Parameters
+    ----------
+    state : Equilibrium
+        The equilibrium.
+    degree : int
+        Degree of the polynomials.
+
+    Returns
+    -------
+    (symmetric, antisymmetric) : tuple of float
+        Over variations that keep the symmetry of `state` and over those that break it; units of
+        :math:`A_2/R^2`. The equilibrium is stable where both are positive.
+
+    Examples
+    --------
+    >>> state = equilibrium(Ribbon(8.0, poisson_ratio=0.4), 0.5)
+    >>> min(stability(state)) > 0
+    True
+    """
+    integer_at_least("degree", degree, 2)
+    lowest = []
+    stiffness, mass, rows = _second_variation(state, degree)
+    middle = 3 * (len(stiffness) // 3 - 1)
+    mirror = state.reading == "mirror"
+    # At the middle: which of the three components of the rotation vanish, and which components of
+    # the middle's displacement do; see the symmetries of the module's docstring.
+    cases = (
+        ((0, 1), (0,)) if mirror else ((1, 2), (0, 1)),
+        ((2,), (1, 2)) if mirror else ((0,), (2,)),
+    )
+    for held, fixed in cases:
+        gone = {0, 1, 2} | {middle + j for j in held}
+        keep = np.array([i for i in range(len(stiffness)) if i not in gone])
+        basis, _ = qr(rows[list(fixed)][:, keep].T)
+        null = basis[:, len(fixed) :]
+        k = null.T @ stiffness[np.ix_(keep, keep)] @ null
+        m = null.T @ mass[np.ix_(keep, keep)] @ null
+        lowest.append(float(eigh(k, m, subset_by_index=(0, 0), eigvals_only=True)[0]))
+    return lowest[0], lowest[1]
+
+
+def _frame(q: npt.NDArray) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
+    """Directors of a quaternion (components first), each of shape (3, ...)."""
+    a, b, c, d = q
+    return (
+        np.array([a * a + b * b - c * c - d * d, 2 * (b * c + a * d), 2 * (b * d - a * c)]),
+        np.array([2 * (b * c - a * d), a * a - b * b + c * c - d * d, 2 * (c * d + a * b)]),
+        np.array([2 * (b * d + a * c), 2 * (c * d - a * b), a * a - b * b - c * c + d * d]),
+    )
+
+
+def _family(ribbon: Ribbon, reading: Reading, elements: int, stages: int, layer: float) -> Family:
+    one_of("reading", reading, ("mirror", "rotation"))
+    integer_at_least("elements", elements, 4)
+    integer_at_least("stages", stages, 2)
+    thin = in_open_interval("layer", layer, 0.0, 1.0, "the part of the half ribbon to refine")
+    fraction = np.linspace(0.0, 1.0, elements + 1)
+    mesh = _HALF * thin * np.sinh(fraction * np.arcsinh(1.0 / thin))
+    mesh[-1] = _HALF
+
+    def right(y: npt.NDArray, p: npt.NDArray) -> npt.NDArray:
+        a, b, c, d = q = y[3:7]
+        k1, k2, k3 = y[7] / ribbon.hard_bending, y[8], y[9]
+        first, second, third = _frame(q)
+        m1, (m2, m3) = y[7], ribbon.moments(k2, k3)
+        n1 = p[0] * first[0] + p[1] * first[1]
+        n2 = p[0] * second[0] + p[1] * second[1]
+        rate1 = k3 * m2 - k2 * m3 + n2
+        rate2 = k1 * m3 - k3 * m1 - n1
+        rate3 = k2 * m1 - k1 * m2
+        bend, mixed, twist = ribbon.tangent_moduli(k2, k3)
+        determinant = bend * twist - mixed**2
+        return np.array(
+            [
+                *third,
+                -(b * k1 + c * k2 + d * k3) / 2,
+                (a * k1 + c * k3 - d * k2) / 2,
+                (a * k2 + d * k1 - b * k3) / 2,
+                (a * k3 + b * k2 - c * k1) / 2,
+                rate1,
+                (twist * rate2 - mixed * rate3) / determinant,
+                (bend * rate3 - mixed * rate2) / determinant,
+            ]
+        )
+
+    def ends(y0: npt.NDArray, y1: npt.NDArray, p: npt.NDArray) -> npt.NDArray:
+        _, second, third = _frame(y1[3:7])
+        turned = [y0[3] - np.cos(p[2] / 2), y0[4], y0[5], y0[6] - np.sin(p[2] / 2)]
+        clamp = [y0[0] + 1.0, y0[1], y0[2], *turned]
+        if reading == "mirror":  # d3 along x, no moment along x, the force along x
+            middle = [y1[0], third[1], third[2], y1[9], p[1]]
+        else:  # on the axis z, d1 along it, no moment along it
+            middle = [y1[0], y1[1], second[2], third[2], y1[7]]
+        return np.array([*clamp, *middle])
+
+    return Family(right, ends, mesh, stages)
+
+
+def _carried(tangent: Array, old: Array, new: Array) -> Array:
+    """A tangent on another mesh, good enough to tell its sense."""
+    nodes = tangent[: 10 * len(old)].reshape(len(old), 10)
+    moved = [np.interp(new, old, column) for column in nodes.T]
+    return np.concatenate([np.stack(moved, axis=1).ravel(), tangent[10 * len(old) :]])
+
+
+def _second_variation(state: Equilibrium, degree: int) -> tuple[Array, Array, Array]:
+    """Stiffness, mass and the rows of the middle's displacement, shapes (3 k, 3 k) and (3, 3 k)."""
+    ribbon, mesh = state.ribbon, state.solution.mesh
+    points = degree + 3
+    _, weights, place = gauss(points)
+    # Lagrange polynomials on Chebyshev-Lobatto points of [0, 1]
+    knots = (1.0 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2.0
+    coefficient = np.linalg.inv(np.vander(knots, increasing=True))
+    shape = np.vander(place, degree + 1, increasing=True) @ coefficient
+    powers = np.arange(1, degree + 1)
+    slope = (place[:, None] ** (powers - 1) * powers) @ coefficient[1:]
+    size = 3 * (degree * (len(mesh) - 1) + 1)
+    stiffness, mass, rows = np.zeros((size, size)), np.zeros((size, size)), np.zeros((3, size))
+    third = np.array([0.0, 0.0, 1.0])
+    for e, step in enumerate(np.diff(mesh)):
+        values = state.solution.at(mesh[e] + step * place)
+        local = slice(3 * degree * e, 3 * degree * (e + 1) + 3)
+        for g, y in enumerate(values):
+            k = np.array([y[7] / ribbon.hard_bending, y[8], y[9]])
+            m = np.array([y[7], *ribbon.moments(y[8], y[9])])
+            frame = np.array(_frame(y[3:7]))  # rows are directors
+            n = frame @ state.force
+            bend, mixed, twist = ribbon.tangent_moduli(y[8], y[9])
+            moduli = np.array([[ribbon.hard_bending, 0, 0], [0, bend, mixed], [0, mixed, twist]])
+            theta = np.kron(shape[g], np.eye(3))
+            strain = np.kron(slope[g] / step, np.eye(3)) + _cross(k) @ theta
+            # a . [t x (t x b)] = (t.a)(t.b) - (a.b) |t|^2, symmetric in a and b
+            initial = _double(m, k) - _double(n, third)
+            rate = np.kron(slope[g] / step, np.eye(3))
+            # -m . (t x t') = t . (m x t')
+            gyric = theta.T @ _cross(m) @ rate
+            weight = step * weights[g]
+            stiffness[local, local] += weight * (
+                strain.T @ moduli @ strain + theta.T @ initial @ theta + 0.5 * (gyric + gyric.T)
+            )
+            mass[local, local] += weight * theta.T @ theta
+            rows[:, local] += weight * frame.T @ -_cross(third) @ theta
+    return stiffness, mass, rows
+
+
+def _cross(a: Array) -> Array:
+    """Matrix of the vector product with a."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def _double(a: Array, b: Array) -> Array:
+    """Matrix of the quadratic form a . [t x (t x b)] in t."""
+    return np.asarray(0.5 * (np.outer(a, b) + np.outer(b, a)) - (a @ b) * np.eye(3))
