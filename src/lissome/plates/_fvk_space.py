@@ -127,7 +127,8 @@ class Geometry:
         """Return the geometry at quadrature points."""
         jacobian = self.jacobians(points)
         area = np.asarray(np.abs(np.linalg.det(jacobian)), dtype=float)
-        return Points(self.positions(points), area * weights, np.linalg.inv(jacobian))
+        inverse = np.asarray(np.linalg.inv(jacobian), dtype=float)
+        return Points(self.positions(points), area * weights, inverse)
 
 
 class PlateSpace:
