@@ -192,10 +192,14 @@ class AxisymmetricDisc:
         """Number of unknowns of the collocation."""
         return 2 * (_PIECES * _DEGREE + 1)
 
-    def _slope(self, height: float) -> Array:
-        """Return unknowns of the paraboloid of a height, unstretched along the hoops."""
+    def _paraboloid(self, height: float) -> Array:
+        """Return unknowns of the paraboloid of a height, with the displacement that balances."""
         n = self.size // 2
-        return np.concatenate([np.zeros(n), np.full(n, -2 * height / self.radius**2)])
+        z = np.concatenate([np.zeros(n), np.full(n, -2 * height / self.radius**2)])
+        f, jacobian = self.residual(z)
+        assert jacobian is not None
+        z[:n] = np.linalg.solve(jacobian[:n, :n], -f[:n])  # linear in the displacement
+        return z
 
     def solve(
         self, start: AxisymmetricState | None = None, *, height: float | None = None
@@ -223,7 +227,7 @@ class AxisymmetricDisc:
         if start is not None:
             z = start.unknowns.copy()
         else:
-            z = self._slope(0.0 if height is None else finite("height", height))
+            z = self._paraboloid(0.0 if height is None else finite("height", height))
         for _ in range(200):
             f, jacobian = self.residual(z)
             assert jacobian is not None
