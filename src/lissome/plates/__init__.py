@@ -16,7 +16,16 @@ A soft film that contracts much on a stiff one that contracts little, evenly hea
 True
 """
 
+from .actuation import SpontaneousHistory, spontaneous_history
 from .directors import Defect, Director, UniformDirector, UserDirector, require_inside
+from .films import (
+    CurvatureSigns,
+    curvature_signs,
+    film_curve,
+    film_laminate,
+    film_layer,
+    film_region,
+)
 from .heat import (
     Conduction,
     Convection,
@@ -27,6 +36,14 @@ from .heat import (
     TemperatureProfile,
 )
 from .laminate import Laminate, Layer, Spontaneous
+from .leap import (
+    Flight,
+    PlateScales,
+    energy_height,
+    flight_from_heights,
+    launch_speed_with_drag,
+    terminal_speed,
+)
 from .thermal_strain import (
     NoStrain,
     SigmoidCurve,
@@ -38,22 +55,36 @@ from .thermal_strain import (
 __all__ = [
     "Conduction",
     "Convection",
+    "CurvatureSigns",
     "Defect",
     "Director",
     "FixedTemperature",
+    "Flight",
     "HeatFlux",
     "Insulated",
     "Laminate",
     "Layer",
     "NoStrain",
+    "PlateScales",
     "SigmoidCurve",
     "Spontaneous",
+    "SpontaneousHistory",
     "TabulatedCurve",
     "TemperatureHistory",
     "TemperatureProfile",
     "UniformDirector",
     "UserDirector",
+    "curvature_signs",
+    "energy_height",
+    "film_curve",
+    "film_laminate",
+    "film_layer",
+    "film_region",
     "fit_sigmoid",
+    "flight_from_heights",
+    "launch_speed_with_drag",
     "require_inside",
+    "spontaneous_history",
+    "terminal_speed",
     "transverse_strain",
 ]

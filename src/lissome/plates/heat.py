@@ -133,12 +133,16 @@ class TemperatureProfile:
     low, high : float
         Bounds of the exact solution, by the maximum principle (infinite where a flux is given);
         what is returned is cut off there.
+    accuracy : float
+        Relative accuracy that integrals over the profile are worth: while a jump at a face is
+        thinner than the elements, the cut leaves kinks that no quadrature needs to resolve.
     """
 
     nodes: Array
     values: Array
     low: float = -math.inf
     high: float = math.inf
+    accuracy: float = 1e-5
 
     @property
     def breaks(self) -> Array:

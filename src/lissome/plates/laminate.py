@@ -521,7 +521,9 @@ class Laminate:
             bent = size / self.thickness
             return 1e-12 * np.array([size, size, bent, bent, shear[0] * size**2])
 
-        along, across, bent, turned, residual = _refined(integrals, panels)
+        along, across, bent, turned, residual = _refined(
+            integrals, panels, getattr(temperature, "accuracy", 0.0)
+        )
         return Spontaneous(along, across, bent, turned, residual, plane)
 
 
@@ -547,7 +549,9 @@ def _integral(function: Callable[[Array], Array], low: float, high: float) -> Ar
     return _refined(value, np.array([low, high]))[0]
 
 
-def _refined(function: Callable[[Array], tuple[Array, Array]], edges: Array) -> Array:
+def _refined(
+    function: Callable[[Array], tuple[Array, Array]], edges: Array, accuracy: float = 0.0
+) -> Array:
     """Return an array of integrals on panels that are halved until it settles.
 
     The function returns values and floors. The first axis lists quantities of different size: each
@@ -562,7 +566,7 @@ def _refined(function: Callable[[Array], tuple[Array, Array]], edges: Array) -> 
         current, floors = function(edges)
         scale = np.abs(current).reshape(len(current), -1).max(axis=1)
         change = np.abs(current - previous).reshape(len(current), -1).max(axis=1)
-        if np.all(change <= np.maximum(tolerance * scale, floors)):
+        if np.all(change <= np.maximum(max(tolerance, accuracy) * scale, floors)):
             return current
         previous = current
     raise NotConverged(

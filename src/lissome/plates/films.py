@@ -1,0 +1,390 @@
+r"""The films of the leaping sheets, from Table A.1 of the thesis.
+
+The strain of the films against temperature was measured but is printed nowhere. Table A.1 gives two
+numbers of each curve: the temperature of its inflection and its mean slope from 155 to 165 degrees.
+A sigmoid through these leaves open, and takes as arguments here, the **width** of either transition,
+the **transition of the stiff film**, of which only "> 225" is printed, and the **form** of the
+sigmoid. The slopes have no unit in print: per cent per degree is taken, since the strains would
+otherwise be above one or below a thousandth.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .. import literature
+from .._validate import finite, one_of
+from ..errors import InvalidInput
+from .actuation import spontaneous_history
+from .heat import Conduction, FixedTemperature, Insulated, TemperatureHistory
+from .laminate import Laminate, Layer
+from .thermal_strain import SigmoidCurve, fit_sigmoid
+
+__all__ = [
+    "CurvatureSigns",
+    "curvature_signs",
+    "film_curve",
+    "film_laminate",
+    "film_layer",
+    "film_region",
+]
+
+FILMS: tuple[str, ...] = ("stiff", "soft")
+_DIRECTIONS = {"along": "parallel", "across": "perpendicular"}
+_LAST_TIME = 6.0  # exp(-pi^2/4 * 6) = 4e-7 of the jump is left
+
+
+@functools.cache
+def _printed(name: str) -> literature.Number:
+    return literature.value(name)
+
+
+def film_curve(
+    film: str,
+    *,
+    width: float,
+    transition: float | None = None,
+    reference: float | None = None,
+    shape: str = "logistic",
+) -> SigmoidCurve:
+    """Return the strain of a film against temperature (degrees Celsius).
+
+    Parameters
+    ----------
+    film : {"stiff", "soft"}
+        The film of 1:0.5 or of 1:0.75 acrylate to thiol.
+    width : float
+        Width of the transition in degrees: not printed.
+    transition : float, optional
+        The inflection. Of the stiff film only a lower bound is printed, which is the default and
+        the least value taken; that of the soft film is printed, and another one is refused.
+    reference : float, optional
+        Temperature of zero strain: the start of the ramp, 25 degrees, by default.
+    shape : {"logistic", "gaussian"}
+        Form of the sigmoid.
+
+    Returns
+    -------
+    SigmoidCurve
+
+    Raises
+    ------
+    InvalidInput
+        If the transition contradicts Table A.1, or no film can have the slope with that width.
+
+    Examples
+    --------
+    >>> from lissome.plates import film_curve
+    >>> for film, width in (("stiff", 25.0), ("soft", 12.0)):
+    ...     print(f"{film}: {100 * film_curve(film, width=width)(160.0):.1f} %")
+    stiff: -1.3 %
+    soft: -9.4 %
+    """
+    one_of("film", film, FILMS)
+    printed = _printed(f"ta1-{film}-transition")
+    middle = float(printed) if transition is None else finite("transition", transition)
+    if printed.relation == "equal" and middle != float(printed):
+        raise InvalidInput(
+            f"argument `transition` is {middle:g}; Table A.1 prints {printed.printed} for the {film} "
+            "film: leave it out, or use fit_sigmoid for a film of your own"
+        )
+    if middle < float(printed):
+        raise InvalidInput(
+            f"argument `transition` is {middle:g}; Table A.1 says {printed.printed} for the {film} "
+            "film: pass at least that, or use fit_sigmoid for a film of your own"
+        )
+    start = _printed("c5-ramp-start") if reference is None else reference
+    return fit_sigmoid(
+        transition=middle,
+        rate=0.01 * float(_printed(f"ta1-{film}-strain-rate")),
+        between=(
+            float(_printed("ta1-slope-temperature-min")),
+            float(_printed("ta1-slope-temperature-max")),
+        ),
+        width=width,
+        reference=float(start),
+        shape=shape,
+    )
+
+
+def film_layer(
+    film: str,
+    curve: SigmoidCurve,
+    *,
+    modulus: str = "across",
+    poisson_ratio: float = 0.5,
+    tensor: str | float = "incompressible",
+    diffusivity: Any = None,
+) -> Layer:
+    """Return one film as a layer: 30 micrometers thick, lengths in meters, moduli in pascals.
+
+    Parameters
+    ----------
+    film : {"stiff", "soft"}
+        Which modulus.
+    curve : callable
+        Its strain, as from :func:`film_curve`, or measured.
+    modulus : {"across", "along"}
+        The modulus of Table A.1 across or along the director; the theory has one modulus only. The
+        thesis names the former as that which matters.
+    poisson_ratio : float
+        Not printed; 1/2 is that of an elastomer.
+    tensor : str or float
+        See :func:`lissome.plates.transverse_strain`; not printed.
+    diffusivity : str or pint.Quantity, optional
+        Not printed. Without it only scaled times mean anything.
+
+    Returns
+    -------
+    Layer
+    """
+    one_of("film", film, FILMS)
+    direction = _DIRECTIONS[one_of("modulus", modulus, _DIRECTIONS)]
+    values = {
+        "thickness": _printed("c5-film-thickness").to("m"),
+        "modulus": _printed(f"ta1-{film}-modulus-{direction}").to("Pa"),
+    }
+    if diffusivity is None:
+        return Layer(
+            values["thickness"], values["modulus"], poisson_ratio, curve, tensor, name=film
+        )
+    return Layer.of(
+        thickness=f"{values['thickness']} m",
+        modulus=f"{values['modulus']} Pa",
+        poisson_ratio=poisson_ratio,
+        diffusivity=diffusivity,
+        strain=curve,
+        tensor=tensor,
+        name=film,
+    )
+
+
+def film_laminate(
+    films: Sequence[str] = ("stiff", "soft", "soft"),
+    *,
+    soft_width: float,
+    stiff_width: float,
+    stiff_transition: float | None = None,
+    shape: str = "logistic",
+    modulus: str = "across",
+    poisson_ratio: float = 0.5,
+    tensor: str | float = "incompressible",
+    diffusivity: Any = None,
+) -> Laminate:
+    """Return a stack of the films of Table A.1, listed from the bottom.
+
+    Parameters
+    ----------
+    films : sequence of {"stiff", "soft"}
+        By default the sheet that leaps, its stiff film down.
+    soft_width, stiff_width, stiff_transition, shape
+        What Table A.1 leaves open, see :func:`film_curve`.
+    modulus, poisson_ratio, tensor, diffusivity
+        See :func:`film_layer`.
+
+    Returns
+    -------
+    Laminate
+
+    Examples
+    --------
+    The stretching modulus of the leaping sheet is not the 1053 Pa m of Table 5.2:
+
+    >>> from lissome.plates import film_laminate
+    >>> sheet = film_laminate(soft_width=12.0, stiff_width=25.0)
+    >>> print(f"{sheet.stretching_modulus:.0f}")
+    702
+    """
+    if isinstance(films, str) or not isinstance(films, Iterable):
+        raise InvalidInput(
+            f"argument `films` is {films!r}; pass a sequence such as ('stiff', 'soft', 'soft'), the "
+            "bottom film first"
+        )
+    curves = {
+        "soft": film_curve("soft", width=soft_width, shape=shape),
+        "stiff": film_curve("stiff", width=stiff_width, transition=stiff_transition, shape=shape),
+    }
+    return Laminate(
+        [
+            film_layer(
+                film,
+                curves[one_of("films", film, FILMS)],
+                modulus=modulus,
+                poisson_ratio=poisson_ratio,
+                tensor=tensor,
+                diffusivity=diffusivity,
+            )
+            for film in films
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class CurvatureSigns:
+    """How the spontaneous curvature of a stack changes sign on a hot plate, either side down.
+
+    Attributes
+    ----------
+    down, up : tuple of float
+        Scaled times t D/h^2 > 0 of the changes with the stack as given, and turned over.
+    limit_down, limit_up : float
+        Curvature along the director after a long time, times the thickness.
+    strain_monotone : bool
+        Whether the in-plane strain along the director falls all the time in both orientations.
+    strain_apart : float
+        Greatest difference of the in-plane strains of the two orientations, over the final one.
+    strains : tuple of float
+        Strain of the bottom and of the top film of the stack at the temperature of the plate.
+    """
+
+    down: tuple[float, ...]
+    up: tuple[float, ...]
+    limit_down: float
+    limit_up: float
+    strain_monotone: bool
+    strain_apart: float
+    strains: tuple[float, float]
+
+    @property
+    def as_claimed(self) -> bool:
+        """One change with the stack as given, none when it is turned over."""
+        return len(self.down) == 1 and not self.up
+
+
+def curvature_signs(
+    laminate: Laminate,
+    *,
+    plate_temperature: float | None = None,
+    start_temperature: float | None = None,
+) -> CurvatureSigns:
+    """Count the changes of sign of the spontaneous curvature on a hot plate.
+
+    The bottom is held at the temperature of the plate, the top is insulated. The layers must
+    conduct alike, so that one heat problem serves both orientations.
+
+    Parameters
+    ----------
+    laminate : Laminate
+        From the bottom.
+    plate_temperature, start_temperature : float, optional
+        160 and 25 degrees Celsius, as in the thesis, by default.
+
+    Returns
+    -------
+    CurvatureSigns
+
+    Examples
+    --------
+    >>> from lissome.plates import curvature_signs, film_laminate
+    >>> signs = curvature_signs(film_laminate(soft_width=12.0, stiff_width=25.0))
+    >>> len(signs.down), len(signs.up), signs.as_claimed
+    (1, 0, True)
+    """
+    hot = _printed("c5-plate-temperature") if plate_temperature is None else plate_temperature
+    cold = _printed("c5-ramp-start") if start_temperature is None else start_temperature
+    layers = laminate.layers
+    if len({(l.conductivity, l.heat_capacity) for l in layers}) > 1:
+        raise InvalidInput(
+            "argument `laminate` has layers that conduct differently; follow each orientation with "
+            "spontaneous_history"
+        )
+    fractions = tuple(l.thickness / laminate.thickness for l in layers)
+    turned = laminate.flipped()
+    histories = [
+        spontaneous_history(
+            _unit_thickness(stack),
+            _hot_plate(shares, float(hot), float(cold)),
+        )
+        for stack, shares in ((laminate, fractions), (turned, fractions[::-1]))
+    ]
+    limits = [h.limit() for h in histories]
+    strains = [h.values.strain_along for h in histories]
+    final = abs(float(limits[0].strain_along)) or 1.0
+    return CurvatureSigns(
+        down=tuple(histories[0].curvature_zeros().tolist()),
+        up=tuple(histories[1].curvature_zeros().tolist()),
+        limit_down=float(limits[0].curvature_along),
+        limit_up=float(limits[1].curvature_along),
+        strain_monotone=all(bool((np.diff(s) <= 1e-6 * final).all()) for s in strains),
+        strain_apart=float(np.abs(_common(histories[0]) - _common(histories[1])).max()) / final,
+        strains=(
+            float(layers[0].strain(float(hot))),
+            float(layers[-1].strain(float(hot))),
+        ),
+    )
+
+
+def _common(history: Any) -> np.ndarray:
+    times = np.geomspace(1e-4, history.times[-1], 200)
+    return spontaneous_history(history.laminate, history.temperature, times).values.strain_along
+
+
+def _unit_thickness(laminate: Laminate) -> Laminate:
+    """Return the stack in units of its thickness, of unit diffusivity."""
+    h = laminate.thickness
+    return Laminate(
+        [
+            replace(
+                l, thickness=l.thickness / h, conductivity=1.0, heat_capacity=1.0, physical=False
+            )
+            for l in laminate.layers
+        ]
+    )
+
+
+@functools.lru_cache(maxsize=32)
+def _hot_plate(fractions: tuple[float, ...], hot: float, cold: float) -> TemperatureHistory:
+    sheet = Laminate([Layer(share, 1.0, 0.5) for share in fractions])
+    return Conduction(sheet, FixedTemperature(hot), Insulated(), cold).run(until=_LAST_TIME)
+
+
+def film_region(
+    *,
+    soft_widths: Sequence[float] = (5.0, 10.0, 15.0, 20.0, 30.0),
+    stiff_widths: Sequence[float] = (10.0, 20.0, 30.0, 45.0, 60.0),
+    stiff_transitions: Sequence[float] = (225.0, 250.0, 275.0),
+    shapes: Sequence[str] = ("logistic", "gaussian"),
+    moduli: Sequence[str] = ("across", "along"),
+) -> Iterator[dict[str, Any]]:
+    """Yield arguments of :func:`film_laminate` over a grid of what Table A.1 leaves open.
+
+    Left out are combinations that contradict Table A.1 or the text: those with which no film can
+    have the printed slope, and those in which the soft film does not contract more than the stiff
+    one at the temperature of the plate (Sec. 5.2).
+
+    Parameters
+    ----------
+    soft_widths, stiff_widths, stiff_transitions, shapes, moduli
+        The grid.
+
+    Yields
+    ------
+    dict
+    """
+    hot = float(_printed("c5-plate-temperature"))
+    for soft, stiff, transition, shape in itertools.product(
+        soft_widths, stiff_widths, stiff_transitions, shapes
+    ):
+        try:
+            curves = (
+                film_curve("soft", width=soft, shape=shape),
+                film_curve("stiff", width=stiff, transition=transition, shape=shape),
+            )
+        except InvalidInput:
+            continue
+        if curves[0](hot) >= curves[1](hot):
+            continue
+        for modulus in moduli:
+            yield {
+                "soft_width": soft,
+                "stiff_width": stiff,
+                "stiff_transition": transition,
+                "shape": shape,
+                "modulus": modulus,
+            }
