@@ -5,6 +5,7 @@ nodes. Units are the caller's: energies are stiffness over length.
 """
 
 from . import laws, measures, quaternions, sections
+from ._equilibrium import Reaction, RodEquilibrium
 from ._structure import Rod, RodState
 from .law_checks import check_law
 from .laws import Kirchhoff, Law
@@ -18,8 +19,10 @@ __all__ = [
     "Kirchhoff",
     "Law",
     "Loads",
+    "Reaction",
     "Rectangle",
     "Rod",
+    "RodEquilibrium",
     "RodState",
     "Support",
     "check_law",

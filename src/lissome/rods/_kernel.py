@@ -54,8 +54,13 @@ class Plan(NamedTuple):
         1 for those frames.
     lengths : ndarray (N,)
         Rest lengths of the segments.
-    rows : ndarray (m, 4) of int64
-        Constraints: component, first and last (exclusive) segment of a sum, and its sign.
+    rows : ndarray (m, 3) of int64
+        Constraints: component (3: along `normal`, with weights), first and last (exclusive)
+        segment of a sum.
+    phase : ndarray (N,)
+        Weights of the row of component 3, which pins the phase of the lobes of a ring.
+    normal : ndarray (3,)
+        The direction whose component that row sums.
     stretch_column : ndarray (N,) of int64
         Unknown of the stretch of each segment, or -1.
     arms : ndarray (c, 7)
@@ -77,6 +82,8 @@ class Plan(NamedTuple):
     turning: np.ndarray
     lengths: np.ndarray
     rows: np.ndarray
+    phase: np.ndarray
+    normal: np.ndarray
     stretch_column: np.ndarray
     arms: np.ndarray
     length: int
@@ -103,6 +110,15 @@ def hinge_rotations(frames, plan, q, kappa):
         kappa[i, 0] = 2.0 * sign * x  # (4.16)
         kappa[i, 1] = 2.0 * sign * y
         kappa[i, 2] = 2.0 * sign * z
+
+
+@jit
+def _row(plan, r, j, d):
+    """Return what constraint r sums of the vector d of segment j."""
+    k = plan.rows[r, 0]
+    if k < 3:
+        return d[k]
+    return plan.phase[j] * (plan.normal[0] * d[0] + plan.normal[1] * d[1] + plan.normal[2] * d[2])
 
 
 @jit
@@ -212,10 +228,8 @@ def assemble(
         energy -= le * (forces[0, j, 0] * d3[0] + forces[0, j, 1] * d3[1] + forces[0, j, 2] * d3[2])
         for r in range(m):
             if plan.rows[r, 1] <= j < plan.rows[r, 2]:
-                k = plan.rows[r, 0]
-                term = d3[0] if k == 0 else (d3[1] if k == 1 else d3[2])
                 # Kahan's sum: the ends of a long chain are known to the round-off of one addition
-                term = plan.rows[r, 3] * le * term - lost[r]
+                term = le * _row(plan, r, j, d3) - lost[r]
                 total = sums[r] + term
                 lost[r] = (total - sums[r]) - term
                 sums[r] = total
@@ -253,13 +267,12 @@ def assemble(
                 _add(band, border, corner, ce, c + 1, -plan.lengths[j] * p1)
         for r in range(m):
             if plan.rows[r, 1] <= j < plan.rows[r, 2]:
-                k = plan.rows[r, 0]
-                w = plan.rows[r, 3] * plan.lengths[j]
                 if c >= 0:
-                    _add(band, border, corner, c, first_row + r, -w * e * d2[k])
-                    _add(band, border, corner, c + 1, first_row + r, w * e * d1[k])
+                    _add(band, border, corner, c, first_row + r, -le * _row(plan, r, j, d2))
+                    _add(band, border, corner, c + 1, first_row + r, le * _row(plan, r, j, d1))
                 if ce >= 0:
-                    _add(band, border, corner, ce, first_row + r, w * d3[k])
+                    w = plan.lengths[j] * _row(plan, r, j, d3)
+                    _add(band, border, corner, ce, first_row + r, w)
     # ---- couples
     block = np.zeros((3, 3))
     p = np.zeros(3)

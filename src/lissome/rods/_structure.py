@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._validate import finite, finite_array, one_of, positive
-from ..errors import InvalidInput
+from .._validate import finite, finite_array, integer_at_least, one_of, positive
+from ..equilibrium import Equilibrium
+from ..errors import FactorizationError, InvalidInput
 from ..factorization import ChainKKT, ChainLayout
 from ..structure import EPS, BaseStructure, Evaluation
 from . import _kernel
+from ._equilibrium import RodEquilibrium
 from .loads import Distributed, Loads
 from .measures import CODES, MEASURES, measure_all, pull_back_all, rotation_from_strain
 from .quaternions import conjugate, exponential, logarithm, multiply, rotate, to_matrix
@@ -162,6 +164,8 @@ class Rod(BaseStructure):
         length is e times its rest length (4.17). None (default): inextensible.
     measure : str
         Measure of the rotation across a hinge.
+    phase : int or None
+        Number k of lobes whose place along a free uniform ring is pinned; see :meth:`with_phase`.
     initial : RodState, optional
         Where solvers start, and where supports are that are told to be "where it is"; by default
         the natural shape from the origin along e3.
@@ -181,6 +185,7 @@ class Rod(BaseStructure):
     loads: Loads = field(default_factory=Loads)
     stretching: float | None = None
     measure: str = "sine"
+    phase: int | None = 2
     initial: Any = None
 
     def __post_init__(self) -> None:
@@ -216,6 +221,8 @@ class Rod(BaseStructure):
         if self.stretching is not None:
             object.__setattr__(self, "stretching", positive("stretching", self.stretching))
         one_of("measure", self.measure, MEASURES)
+        if self.phase is not None:
+            object.__setattr__(self, "phase", integer_at_least("phase", self.phase, 2))
         initial = self._natural_shape() if self.initial is None else self.initial
         if not isinstance(initial, RodState):
             raise InvalidInput(
@@ -468,6 +475,68 @@ class Rod(BaseStructure):
             natural[:, k] = array
         return replace(self, natural=natural)
 
+    def with_overcurvature(self, overcurvature: float) -> Rod:
+        r"""Return this ring with the natural curvature :math:`O\,2\pi/L` in its plane.
+
+        Parameters
+        ----------
+        overcurvature : float
+            O: natural curvature over the curvature of the circle of the same length.
+
+        Raises
+        ------
+        InvalidInput
+            If the rod is not closed, or its initial state is not plane and untwisted.
+        """
+        value = finite("overcurvature", overcurvature)
+        if not self.closed:
+            raise InvalidInput("only a closed rod has an overcurvature; pass natural curvatures")
+        normal = self._plane_normal()
+        body = rotate(conjugate(self.initial.quaternions), normal)
+        if np.max(np.abs(body - body[0])) > 1e-6:
+            raise InvalidInput(
+                "the initial state is twisted: the normal of the plane of the ring is not along one "
+                "material direction; pass natural curvatures with `with_natural`"
+            )
+        curvature = 2.0 * math.pi * value / self.length * body[0]
+        curvature[np.abs(curvature) < 1e-14 * abs(value) * math.pi / self.length] = 0.0
+        return replace(self, natural=np.tile(curvature, (self.lengths.size + 1, 1)))
+
+    def _plane_normal(self) -> Array:
+        """Return the unit normal of a plane closed rod, which it circles counterclockwise."""
+        nodes = self.positions(self.initial)[:-1]
+        nodes = nodes - nodes.mean(axis=0)
+        area = np.sum(np.cross(nodes, np.roll(nodes, -1, axis=0)), axis=0)
+        size = float(np.linalg.norm(area))
+        normal = area / size if size > 0.0 else np.zeros(3)
+        if not size > 0.0 or np.max(np.abs(nodes @ normal)) > 1e-6 * self.length:
+            raise InvalidInput(
+                "the initial state is not a plane ring; pass one with `with_initial`, or give natural "
+                "curvatures with `with_natural`"
+            )
+        return normal
+
+    def with_phase(self, lobes: int | None) -> Rod:
+        r"""Return this ring with the place of its lobes pinned, or free (None).
+
+        The lobes of a uniform ring that has buckled may travel along it at no cost, but for terms as
+        small as rounding errors. One linear condition on the tangents,
+
+        .. math:: \sum_j \ell_j \sin(2\pi k s_j/L)\; t_j\cdot n = 0,
+
+        with n the normal of the initial ring at the first segment and s from its middle, stops
+        them without a force: its multiplier vanishes by symmetry. Of each pair of modes with k lobes
+        it leaves one, so that the loss of stability of a circle shows as one unstable direction
+        where there are two. It acts on rings that are free and uniform, with k = 2 by default; choose
+        the k of the branch that is followed.
+
+        Parameters
+        ----------
+        lobes : int or None
+            k, at least 2.
+        """
+        return replace(self, phase=lobes)
+
     def with_initial(self, state: RodState) -> Rod:
         """Return this rod with another starting state. Supports stay where they are."""
         return replace(self, initial=state)
@@ -495,6 +564,16 @@ class Rod(BaseStructure):
         """Whether the first segment is held, to remove the rigid motions of a free closed rod."""
         return self.closed and not self.supports and self.loads.empty
 
+    @cached_property
+    def pinned_phase(self) -> int | None:
+        """Number of lobes whose place is pinned; None where nothing is."""
+        if self.phase is None or not self.held or getattr(self.law, "count", None) is not None:
+            return None
+        uniform = np.ptp(self.lengths) <= 1e-12 * self.lengths[0] and not np.any(
+            np.ptp(self.natural, axis=0) > 1e-12 * np.max(np.abs(self.natural))
+        )
+        return self.phase if uniform and self.lengths.size > 2 * self.phase else None
+
     # ---- the derived layout --------------------------------------------------------------------
 
     @cached_property
@@ -518,6 +597,9 @@ class Rod(BaseStructure):
         """Names of the constraints."""
         out = []
         for node, row in zip(self.layout.row_nodes, self.layout.plan.rows, strict=True):
+            if row[0] == 3:
+                out.append(f"phase of {self.pinned_phase} lobes")
+                continue
             axis = "xyz"[int(row[0])]
             out.append(f"closure along {axis}" if node < 0 else f"{axis} of node {int(node)}")
         return tuple(out)
@@ -538,8 +620,8 @@ class Rod(BaseStructure):
         return state
 
     def start(self) -> RodState:
-        """Return the initial state, with supports imposed."""
-        return self.adopt(self.initial)
+        """Return the initial state, bent as smoothly as can be so that it meets its supports."""
+        return reach_supports(self, self.adopt(self.initial))
 
     def adopt(self, state: RodState) -> RodState:
         """Return `state` with prescribed values imposed.
@@ -653,10 +735,38 @@ class Rod(BaseStructure):
         return 8 * EPS
 
     def gauge(self, state: RodState) -> Array:
-        """Return the rotations that nothing opposes, shape (g, n)."""
-        if self.held or any(s.kind == "clamped" for s in self.supports):
+        """Return the motions that nothing opposes, shape (g, n).
+
+        They are rigid rotations, and for rods whose section is isotropic (equal bending stiffnesses,
+        no natural curvature) rotations combined with a spin of all sections about the tangents: a
+        bent isotropic rod may turn its plane of bending about the axis of its clamp.
+        """
+        fixed = self.held or any(s.kind == "clamped" for s in self.supports)
+        if fixed and not self.isotropic:
             return np.zeros((0, self.size))
         return _neutral_rotations(self, state)
+
+    @cached_property
+    def isotropic(self) -> bool:
+        """Whether a spin of all sections about the tangents changes no strain energy."""
+        layout = self.layout
+        if np.any(layout.natural[:, :2]):
+            return False
+        n = layout.nodes.size
+        rng = np.random.default_rng(7)
+        strains = rng.normal(size=(3, n, 3)) / np.max(layout.plan.span)
+        strains *= np.array([1e-3, 1e-2, 1e-1])[:, None, None]
+        for k in strains:
+            plain = layout.law.evaluate(k, 0)[0]
+            for angle in (0.7, 1.9):
+                c, s = math.cos(angle), math.sin(angle)
+                turned = np.stack(
+                    [c * k[:, 0] - s * k[:, 1], s * k[:, 0] + c * k[:, 1], k[:, 2]], 1
+                )
+                energy = layout.law.evaluate(np.ascontiguousarray(turned), 0)[0]
+                if not np.allclose(energy, plain, rtol=1e-12, atol=0.0):
+                    return False
+        return True
 
     # ---- energy --------------------------------------------------------------------------------
 
@@ -724,6 +834,15 @@ class Rod(BaseStructure):
         kkt = ChainKKT(band, border.T, corner, layout=layout.chain)
         return Evaluation(energy, constraints, gradient, kkt)
 
+    def present(self, equilibrium: Equilibrium) -> RodEquilibrium:
+        """Return the equilibrium with positions, forces and moments."""
+        return equilibrium.as_type(RodEquilibrium)
+
+    @property
+    def couples(self) -> list[tuple[int, Array, Array]]:
+        """Segments, forces and arms (along the directors) of the couples."""
+        return [(int(row[0]), row[1:4], row[4:7]) for row in self.layout.plan.arms]
+
     def _fixed_positions(self, state: RodState) -> Array:
         """Return the point from which the potential of the forces is reckoned."""
         return np.array(
@@ -732,6 +851,149 @@ class Rod(BaseStructure):
                 for k, anchor in enumerate(self.layout.anchors)
             ]
         )
+
+
+def reach_supports(rod: Rod, state: RodState) -> RodState:
+    """Return a state near `state` that meets the constraints, if one is found.
+
+    Where hinges are far from their natural angles (a ring that is not closed yet, a clamp that has
+    turned) the angles are evened out first. Then come Newton steps of least elastic work; where the
+    rod is so straight that turning its segments does not bring its ends nearer, it is bent before.
+    """
+    layout = rod.layout
+    plan = layout.plan
+    m = plan.rows.shape[0]
+    zero, none = np.zeros(m), np.zeros(rod.size)
+    angle, _, _ = _evened(rod, state)
+    if np.max(np.abs(angle)) > 0.5:
+        state = _even_out(rod, state)
+    if m == 0:
+        return state
+    violation = rod.evaluate(state, zero, 0).constraints
+    bent = False
+    for _ in range(60):
+        size = float(np.linalg.norm(violation))
+        if size <= 1e-9 * rod.length:
+            break
+        kkt = _unstressed(rod, state)
+        rows = kkt.jacobian_rows() / np.sqrt(layout.metric)
+        # A turn by dx (root mean square) moves the ends by about |rows| dx: is it enough?
+        grip = np.linalg.svd(rows / math.sqrt(rod.length), compute_uv=False)[-1]
+        if grip < 0.1 and not bent:
+            bent = True
+            middle = 0.5 * (rod.arclength[:-1] + rod.arclength[1:]) / rod.length
+            bend = np.zeros(rod.size)
+            columns = plan.column[: rod.lengths.size]
+            free = columns >= 0
+            share = math.sqrt(min(1.0, size / rod.length))
+            bend[columns[free] + _softer(rod)] = share * np.sin(2.0 * math.pi * middle[free])
+            state = rod.retract(state, bend * rod.max_step(state, bend))
+            violation = rod.evaluate(state, zero, 0).constraints
+            continue
+        try:
+            factor = kkt.factorize(1.0 / rod.length**2, None, layout.metric, 1e-4 * rod.length**3)
+            step = factor.solve(none, -violation)[0]
+        except FactorizationError:
+            break
+        fraction = min(rod.max_step(state, step), 0.7 / max(float(np.max(np.abs(step))), 0.7))
+        while fraction > 1e-4:
+            trial = rod.retract(state, fraction * step)
+            left = rod.evaluate(trial, zero, 0).constraints
+            if np.linalg.norm(left) < (1.0 - 0.1 * fraction) * size:
+                break
+            fraction *= 0.5
+        else:
+            break
+        state, violation = trial, left
+    return state
+
+
+def _evened(rod: Rod, state: RodState) -> tuple[Array, Array, float]:
+    """Return excess angles of the hinges, and gradient and value of their squares over lengths."""
+    layout = rod.layout
+    plan = layout.plan
+    n = plan.left.size
+    frames = rod.frames(state)
+    q, angle = np.empty((n, 4)), np.empty((n, 3))
+    _kernel.hinge_rotations(frames, plan, q, angle)
+    measure_all(CODES["angle"], q, angle)
+    angle -= layout.natural * plan.span[:, None]
+    stress = angle / plan.span[:, None]
+    value = 0.5 * float(np.sum(stress * angle))
+    pull_back_all(CODES["angle"], q, stress, np.zeros((0, 3, 3)), 1)
+    gradient = np.empty(plan.length + layout.border)
+    _kernel.assemble(
+        frames, state.stretches, q, stress, np.zeros((0, 3, 3)), plan,
+        np.zeros((2, rod.lengths.size, 3)), gradient, np.empty((0, layout.width + 1)),
+        np.empty((0, layout.border)), np.empty((layout.border, layout.border)),
+        np.empty(plan.rows.shape[0]), 1,
+    )  # fmt: skip
+    return angle, gradient[: rod.size], value
+
+
+def _even_out(rod: Rod, state: RodState) -> RodState:
+    """Return a state with hinges nearer to their natural angles, by Gauss and Newton's method.
+
+    Constraints count as springs.
+    """
+    zero = np.zeros(rod.constraints_count)
+    soft = 1e-3 * rod.length**3
+
+    def merit(state: RodState) -> tuple[float, Array, Array]:
+        violation = rod.evaluate(state, zero, 0).constraints
+        _, gradient, value = _evened(rod, state)
+        return value + 0.5 * float(violation @ violation) / soft, gradient, violation
+
+    value, gradient, violation = merit(state)
+    for _ in range(40):
+        try:
+            factor = _unstressed(rod, state).factorize(
+                0.1 / rod.length**2, None, rod.layout.metric, soft
+            )
+            step = factor.solve(-gradient, -violation)[0]
+        except FactorizationError:
+            break
+        fraction = min(rod.max_step(state, step), 0.7 / max(float(np.max(np.abs(step))), 0.7))
+        while fraction > 1e-3:
+            trial = rod.retract(state, fraction * step)
+            new = merit(trial)
+            if new[0] < value:
+                break
+            fraction *= 0.5
+        else:
+            break
+        done = new[0] > 0.99 * value
+        state, (value, gradient, violation) = trial, new
+        if done:
+            break
+    return state
+
+
+def _softer(rod: Rod) -> int:
+    """Return the director about which the rod bends more easily: 0 or 1."""
+    layout = rod.layout
+    stiffness = layout.law.evaluate(np.zeros((layout.nodes.size, 3)), 2)[2]
+    return int(np.argmin(np.mean(stiffness[:, [0, 1], [0, 1]], axis=0)))
+
+
+def _unstressed(rod: Rod, state: RodState) -> ChainKKT:
+    """Return the KKT matrix of hinges without stress, of unit stiffness."""
+    layout = rod.layout
+    plan = layout.plan
+    n = plan.left.size
+    stiffness = np.eye(3) / plan.span[:, None, None]
+    frames = rod.frames(state)
+    q, kappa = np.empty((n, 4)), np.empty((n, 3))
+    _kernel.hinge_rotations(frames, plan, q, kappa)
+    band = np.empty((plan.length, layout.width + 1))
+    border = np.empty((plan.length, layout.border))
+    corner = np.empty((layout.border, layout.border))
+    _kernel.assemble(
+        frames, state.stretches, q, np.zeros((n, 3)), stiffness, plan,
+        np.zeros((2, rod.lengths.size, 3)), np.empty(plan.length + layout.border), band, border,
+        corner, np.empty(plan.rows.shape[0]), 2,
+    )  # fmt: skip
+    return ChainKKT(band, border.T, corner, layout=layout.chain)
 
 
 def _rotation_of(density: Array, spans: Array, measure: str) -> Array:
@@ -754,70 +1016,99 @@ def internal_forces(rod: Rod, multipliers: Array) -> Array:
     """Return the internal force on each segment, shape (N, 3): of what lies beyond on what is before."""
     layout = rod.layout
     forces = np.array(layout.dead)
-    for value, (k, first, last, sign) in zip(multipliers, layout.plan.rows, strict=True):
-        forces[first:last, k] -= sign * value
+    plan = layout.plan
+    for value, (k, first, last) in zip(multipliers, plan.rows, strict=True):
+        if k < 3:
+            forces[first:last, k] -= value
+        else:
+            forces -= value * plan.phase[:, None] * plan.normal
     return forces
 
 
 def _neutral_rotations(rod: Rod, state: RodState) -> Array:
-    """Return the rigid rotations that change neither energy nor constraints."""
+    """Return rotations (and spins of the sections) that change neither energy nor constraints.
+
+    A motion is (omega, spin): it turns everything by omega in space, and every section by -spin about
+    its d3. Segment j then turns by R_j^T omega - spin e3 in its own directors.
+    """
     layout = rod.layout
     plan = layout.plan
     conditions: list[Array] = []
+
+    def turns(rows: Array) -> None:
+        for row in np.atleast_2d(rows):
+            conditions.append(np.append(row, 0.0))
+
+    spin = np.array([0.0, 0.0, 0.0, 1.0])
+    if not rod.isotropic:
+        conditions.append(spin)
     loads = np.unique(layout.dead, axis=0)
     for force in loads[np.any(loads != 0.0, axis=1)]:
-        conditions.extend(_cross_matrix(force / np.linalg.norm(force)))
+        turns(_cross_matrix(force / np.linalg.norm(force)))
     places = rod.positions(state)
-    for node, (k, _, _, sign) in zip(layout.row_nodes, plan.rows, strict=True):
+    for node, (k, _, _) in zip(layout.row_nodes, plan.rows, strict=True):
         if node < 0:
             continue  # closure: a rotation leaves it
         anchor = layout.anchors[k]
         assert anchor is not None
-        arm = sign * (places[node] - places[anchor[0]])
+        arm = places[node] - places[anchor[0]]
         size = float(np.linalg.norm(arm))
         if size <= REACH * rod.length:
             continue
         unit = np.eye(3)[k]
         row = np.cross(arm / size, unit)
         if np.linalg.norm(row) > 1e-9:
-            conditions.append(row)
+            turns(row)
         else:  # the component is at its extreme: every turn of the arm counts
-            conditions.extend(_cross_matrix(unit))
-    for j, force, arm in _couples(plan):
+            turns(_cross_matrix(unit))
+    for j, force, arm in rod.couples:
+        # Other turns than those about the force are neutral to first order at best.
+        turns(_cross_matrix(force / np.linalg.norm(force)))
         turned = rotate(state.quaternions[j], arm)
         row = np.cross(turned, force)
         if np.linalg.norm(row) > 0.0:
-            conditions.append(row / np.linalg.norm(row))
-        # The couple is neutral for turns about the force only: others change it to second order.
-        conditions.extend(_cross_matrix(force / np.linalg.norm(force)))
-    axes = layout.turning_axes
-    for axis, moment in zip(axes, layout.moments, strict=True):
-        conditions.extend(_cross_matrix(axis))
-        if moment:
-            conditions.append(axis)
-    basis = np.eye(3)
+            turns(row / np.linalg.norm(row))
+        if np.any(arm[:2]):
+            conditions.append(spin)
+    frames = rod.frames(state)
+    held = [0] if rod.held else []
+    for f in [*held, *layout.segment_of, *range(rod.lengths.size, frames.shape[0])]:
+        body = np.column_stack([to_matrix(frames[f]).T, [0.0, 0.0, -1.0]])
+        if plan.turning[f]:
+            axis = plan.axis[f]
+            k = int(plan.column[f]) - plan.first_angle
+            if not layout.moments[k]:
+                body = (np.eye(3) - np.outer(axis, axis)) @ body
+        conditions.extend(body)
+    basis = np.eye(4)
     if conditions:
         _, sizes, vectors = np.linalg.svd(np.array(conditions))
-        rank = int(np.count_nonzero(sizes > 1e-7))
-        basis = vectors[rank:]
+        basis = vectors[int(np.count_nonzero(sizes > 1e-7)) :]
     rows = np.zeros((basis.shape[0], rod.size))
+    if not basis.size:
+        return rows
     columns = plan.column[: rod.lengths.size]
     free = columns >= 0
     matrices = to_matrix(state.quaternions)
-    for row, omega in zip(rows, basis, strict=True):
-        body = np.einsum("jab,a->jb", matrices, omega)
+    for row, motion in zip(rows, basis, strict=True):
+        body = np.einsum("jab,a->jb", matrices, motion[:3])
+        body[:, 2] -= motion[3]
         row[columns[free][:, None] + np.arange(3)] = body[free]
-        for i, axis in enumerate(axes):
-            row[plan.first_angle + i] = float(axis @ omega)
-    return rows
+        for i, k in enumerate(layout.hinged):
+            f = rod.lengths.size + int(k)
+            turn = to_matrix(frames[f]).T @ motion[:3]
+            turn[2] -= motion[3]
+            row[plan.first_angle + i] = float(plan.axis[f] @ turn)
+    if not rod.isotropic:
+        return rows
+    # A straight rod that turns and spins back about its axis does not move at all.
+    root = np.sqrt(layout.metric / rod.length)
+    turn, sizes, _ = np.linalg.svd(rows * root, full_matrices=False)
+    return turn.T[sizes > 1e-6] @ rows
 
 
 def _cross_matrix(v: Array) -> Array:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def _couples(plan: _kernel.Plan) -> list[tuple[int, Array, Array]]:
-    return [(int(row[0]), row[1:4], row[4:7]) for row in plan.arms]
 
 
 def _derive(rod: Rod) -> _Layout:
@@ -919,13 +1210,13 @@ def _derive(rod: Rod) -> _Layout:
         axis[f] = rotate(conjugate(support.frame), support.axis)
 
     # positions
-    rows: list[tuple[int, int, int, int]] = []
+    rows: list[tuple[int, int, int]] = []
     targets: list[float] = []
     row_nodes: list[int] = []
     anchors: list[tuple[int, float] | None] = []
     if rod.closed:
         for k in range(3):
-            rows.append((k, 0, count, 1))
+            rows.append((k, 0, count))
             targets.append(0.0)
             row_nodes.append(-1)
     for k in range(3):
@@ -937,11 +1228,19 @@ def _derive(rod: Rod) -> _Layout:
             if anchor is None:
                 anchor = (support.node, value)
             else:
-                rows.append((k, anchor[0], support.node, 1))
+                rows.append((k, anchor[0], support.node))
                 targets.append(value - anchor[1])
                 row_nodes.append(support.node)
         anchors.append(anchor)
     _check_reach(rod)
+    weights, normal = np.zeros(count), np.zeros(3)
+    if rod.pinned_phase is not None:
+        rows.append((3, 0, count))
+        targets.append(0.0)
+        row_nodes.append(-1)
+        middle = 0.5 * (s_nodes[:-1] + s_nodes[1:])
+        weights = np.sin(2.0 * math.pi * rod.pinned_phase * (middle - middle[0]) / rod.length)
+        normal = _phase_normal(rod)
 
     # loads
     forces = rod.loads.forces(lengths, rod.closed)
@@ -959,7 +1258,9 @@ def _derive(rod: Rod) -> _Layout:
         axis=axis,
         turning=turning,
         lengths=lengths,
-        rows=np.array(rows, dtype=np.int64).reshape(-1, 4),
+        rows=np.array(rows, dtype=np.int64).reshape(-1, 3),
+        phase=weights,
+        normal=normal,
         stretch_column=stretch,
         arms=arms,
         length=length,
@@ -996,6 +1297,14 @@ def _derive(rod: Rod) -> _Layout:
         metric=_frozen(metric),
         segment_of=segment_of,
     )
+
+
+def _phase_normal(rod: Rod) -> Array:
+    """Return a direction across the first segment: off the plane of a plane ring, or along d1."""
+    try:
+        return rod._plane_normal()
+    except InvalidInput:
+        return rotate(rod.initial.quaternions[0], [1.0, 0.0, 0.0])
 
 
 def _dead_forces(rod: Rod, forces: Array, anchors: list[tuple[int, float] | None]) -> Array:

@@ -1,0 +1,232 @@
+"""Equilibria of rods, with forces, moments, reactions and energies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..equilibrium import Equilibrium
+from ..errors import InvalidInput
+from . import _kernel
+from .measures import CODES, pull_back_all
+from .quaternions import rotate, to_directors
+
+if TYPE_CHECKING:
+    from ._structure import Rod, RodState
+
+__all__ = ["Reaction", "RodEquilibrium"]
+
+Array = NDArray[np.float64]
+
+
+class Reaction(NamedTuple):
+    """What a support exerts on a rod.
+
+    Attributes
+    ----------
+    force : ndarray, shape (3,)
+        Force; zero in the components of the position that are free.
+    moment : ndarray, shape (3,)
+        Moment about the node; zero where the frame is free. The dead moment of a hinged support is
+        a load, and not in it.
+    """
+
+    force: Array
+    moment: Array
+
+
+@dataclass(frozen=True)
+class RodEquilibrium(Equilibrium):
+    """An equilibrium of a rod.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (N + 1, 3)
+        Nodes. Those of a closed rod end with the first node again.
+    frames : scipy.spatial.transform.Rotation
+        Of the N segments: they take e1, e2, e3 to the directors.
+    directors : ndarray, shape (N, 3, 3)
+        ``directors[j, I]`` is director I of segment j; the last one is the tangent.
+    strains : ndarray, shape (n, 3)
+        Strain densities (1/length) of the hinges about d1, d2, d3, natural strains included.
+    moments : ndarray, shape (n, 3)
+        Components along the directors of what the law gives for the hinges: its stress.
+    moment_vectors : ndarray, shape (n, 3)
+        Moments (in space) that the part beyond each hinge exerts on the part before it, in balance
+        with the forces exactly. They differ from `moments` by the turn of half a hinge.
+    forces : ndarray, shape (N, 3)
+        Internal forces: what is beyond a segment exerts them on what is before.
+    """
+
+    structure: Rod
+    state: RodState
+
+    @cached_property
+    def positions(self) -> Array:
+        """Positions of the nodes, shape (N + 1, 3)."""
+        return self.structure.positions(self.state)
+
+    @cached_property
+    def frames(self) -> Rotation:
+        """Frames of the segments."""
+        return Rotation.from_quat(self.state.quaternions[:, [1, 2, 3, 0]])
+
+    @cached_property
+    def directors(self) -> Array:
+        """Directors of the segments, shape (N, 3, 3): segment, director, component."""
+        return to_directors(self.state.quaternions)
+
+    @property
+    def arclength(self) -> Array:
+        """Rest arc lengths of the nodes, shape (N + 1,)."""
+        return self.structure.arclength
+
+    @property
+    def hinge_arclength(self) -> Array:
+        """Rest arc lengths of the hinges, shape (n,)."""
+        return self.structure.layout.arclength
+
+    @property
+    def hinge_nodes(self) -> NDArray[np.int64]:
+        """Nodes of the hinges, shape (n,); a clamped node inside a rod has two hinges."""
+        return self.structure.layout.nodes
+
+    @property
+    def hinge_lengths(self) -> Array:
+        """Rest lengths of the hinges, shape (n,)."""
+        return self.structure.layout.plan.span
+
+    @cached_property
+    def strains(self) -> Array:
+        """Strain densities of the hinges, shape (n, 3)."""
+        return self.structure.strain_densities(self.state)
+
+    @cached_property
+    def _law_values(self) -> tuple[Array, Array]:
+        layout = self.structure.layout
+        energy, stress, _ = layout.law.evaluate(self.strains - layout.natural, 1)
+        return np.asarray(energy), np.array(stress)
+
+    @property
+    def moments(self) -> Array:
+        """Stress of the law at the hinges, components along the directors, shape (n, 3)."""
+        return self._law_values[1]
+
+    @cached_property
+    def moment_vectors(self) -> Array:
+        """Moment of what is beyond each hinge on what is before, in space, shape (n, 3)."""
+        rod = self.structure
+        plan = rod.layout.plan
+        frames = rod.frames(self.state)
+        q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
+        _kernel.hinge_rotations(frames, plan, q, kappa)
+        stress = np.array(self.moments)
+        if rod.measure != "sine":
+            pull_back_all(CODES[rod.measure], q, stress, np.zeros((0, 3, 3)), 1)
+        body = q[:, :1] * stress + np.cross(q[:, 1:], stress)
+        return rotate(frames[plan.left], body)
+
+    @cached_property
+    def forces(self) -> Array:
+        """Internal force on each segment, shape (N, 3)."""
+        from ._structure import internal_forces
+
+        return internal_forces(self.structure, self.multipliers)
+
+    @property
+    def bending_energy(self) -> float:
+        """Energy of the hinges: of bending and twisting."""
+        return float(self.structure.layout.plan.span @ self._law_values[0])
+
+    @property
+    def stretching_energy(self) -> float:
+        """Energy of stretching; 0 of an inextensible rod."""
+        rod = self.structure
+        if rod.stretching is None:
+            return 0.0
+        strain = 0.5 * (self.state.stretches**2 - 1.0)
+        return 0.5 * rod.stretching * float(rod.lengths @ strain**2)
+
+    @property
+    def load_energy(self) -> float:
+        """Potential of the dead loads."""
+        return self.energy - self.bending_energy - self.stretching_energy
+
+    @property
+    def twist(self) -> float:
+        """Total twist, in turns: what is left of the hinges' rotations after parallel transport."""
+        rod = self.structure
+        plan = rod.layout.plan
+        q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
+        _kernel.hinge_rotations(rod.frames(self.state), plan, q, kappa)
+        return float(np.sum(np.arctan2(q[:, 3], q[:, 0]))) / math.pi
+
+    def reactions(self, where: str | int) -> Reaction:
+        """Return what the support of a node exerts on the rod.
+
+        Parameters
+        ----------
+        where : {"start", "end"} or int
+            The node.
+
+        Raises
+        ------
+        InvalidInput
+            If the node has no support.
+
+        Examples
+        --------
+        >>> import lissome as ls
+        >>> from lissome import rods
+        >>> law = rods.Kirchhoff(bending=(1.0, 2.0), twisting=1.0)
+        >>> rod = rods.Rod(law, [0.1] * 10).clamped("start").loaded(end=[0.5, 0, 0])
+        >>> print(ls.equilibrate(rod).reactions("start").force)
+        [-0.5  0.   0. ]
+        """
+        rod = self.structure
+        node = rod._node(where)
+        support = next((s for s in rod.supports if s.node == node), None)
+        if support is None:
+            known = ", ".join(str(s.node) for s in rod.supports) or "none"
+            raise InvalidInput(
+                f"argument `where` is {where!r}, which has no support; the supported nodes are: {known}"
+            )
+        count = rod.lengths.size
+        before = self.forces[node - 1] if node > 0 or rod.closed else np.zeros(3)
+        beyond = self.forces[node] if node < count else np.zeros(3)
+        force = before - beyond - rod.layout.node_forces[node]
+        force = force * [v is not None for v in support.position]
+        moment = np.zeros(3)
+        if support.frame is not None:
+            moment = self._support_moment(support)
+        return Reaction(force, moment)
+
+    def _support_moment(self, support: Any) -> Array:
+        rod = self.structure
+        plan, count = rod.layout.plan, rod.lengths.size
+        here = np.flatnonzero(rod.layout.nodes == support.node)
+        moment = np.zeros(3)
+        if support.clamp == "half":
+            for i in here:  # a clamp before its segment feels what is beyond, and the reverse
+                left = plan.left[i] < count
+                moment += self.moment_vectors[i] if left else -self.moment_vectors[i]
+            if support.axis is not None:
+                moment -= support.moment * support.axis
+            return moment
+        start = support.node == 0
+        j = 0 if start else count - 1
+        step = self.positions[j + 1] - self.positions[j]
+        sign = -1.0 if start else 1.0
+        beside = (plan.right if not start else plan.left) == j
+        moment += sign * self.moment_vectors[beside].sum(axis=0)
+        moment += sign * np.cross(step, self.forces[j]) * (1.0 if start else -1.0)
+        for k, force, arm in rod.couples:
+            if k == j:
+                moment -= np.cross(rotate(self.state.quaternions[j], arm), force)
+        return moment
