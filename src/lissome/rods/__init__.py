@@ -4,30 +4,49 @@ The rods of chapter 4 of the thesis: a chain of rigid segments with frames, elas
 nodes. Units are the caller's: energies are stiffness over length.
 """
 
-from . import laws, measures, quaternions, sections
+from . import laws, measures, quaternions, results, sections
 from ._equilibrium import Reaction, RodEquilibrium
 from ._structure import Rod, RodState
 from .law_checks import check_law
 from .laws import Kirchhoff, Law
 from .loads import Loads
+from .results import linking_number, self_crossings, writhe
+from .ribbon_laws import RefinedRibbon, SanoWada, crossover_length, ribbon_phi
 from .sections import Circle, Ellipse, Rectangle
+from .shapes import along, arc, helix, ring, straight
 from .supports import Support
+from .user_laws import FunctionLaw, SymbolicLaw
 
 __all__ = [
     "Circle",
     "Ellipse",
+    "FunctionLaw",
     "Kirchhoff",
     "Law",
     "Loads",
     "Reaction",
     "Rectangle",
+    "RefinedRibbon",
     "Rod",
     "RodEquilibrium",
     "RodState",
+    "SanoWada",
     "Support",
+    "SymbolicLaw",
+    "along",
+    "arc",
     "check_law",
+    "crossover_length",
+    "helix",
     "laws",
+    "linking_number",
     "measures",
     "quaternions",
+    "results",
+    "ribbon_phi",
+    "ring",
     "sections",
+    "self_crossings",
+    "straight",
+    "writhe",
 ]

@@ -1,0 +1,648 @@
+r"""What can be said about a rod's shape, as functions of plain arrays; tables and files.
+
+Rods do not feel contact: parts of a rod may pass through each other, and nothing in the energy knows.
+:func:`self_crossings` finds where that happens; :func:`warn_of_self_crossings` warns.
+
+Twist, writhe and linking number are those of polygons with frames, and exact: for a closed rod
+:math:`\mathrm{Tw} + \mathrm{Wr}` is a whole number if the frames close up.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import KDTree
+
+from .._compile import jit
+from .._validate import finite_array, one_of, positive
+from ..errors import InvalidInput, LissomeWarning
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "Crossings",
+    "hinge_table",
+    "linking_number",
+    "node_table",
+    "node_values",
+    "segment_table",
+    "self_crossings",
+    "total_twist",
+    "warn_of_self_crossings",
+    "write_vtk",
+    "writhe",
+]
+
+Array = NDArray[np.float64]
+
+#: Default distance below which parts of a rod are said to cross, relative to its length.
+CROSSING_DISTANCE = 1e-3
+STRAINS = ("curvature_1", "curvature_2", "twist")
+FORMATS = (".vtu", ".vtk")
+
+
+def _nodes(name: str, value: ArrayLike) -> Array:
+    points: Array = finite_array(name, value, (None, 3))
+    if points.shape[0] < 2:
+        raise InvalidInput(f"argument `{name}` has {points.shape[0]} rows; pass at least 2 nodes")
+    return points
+
+
+def _closed_nodes(name: str, value: ArrayLike) -> Array:
+    """Return nodes of a closed polygon with the first one repeated at the end."""
+    points = _nodes(name, value)
+    size = float(np.max(np.ptp(points, axis=0)))
+    if np.max(np.abs(points[-1] - points[0])) > 1e-9 * size:
+        points = np.concatenate([points, points[:1]])
+    else:
+        points[-1] = points[0]
+    if points.shape[0] < 4:
+        raise InvalidInput(
+            f"argument `{name}` has {points.shape[0] - 1} different nodes; a closed curve has at least 3"
+        )
+    return points
+
+
+# ---------------------------------------------------------------------------------------------
+# Self-crossing
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """Pairs of segments of one rod that are too near each other, nearest first.
+
+    Attributes
+    ----------
+    segments : ndarray of int, shape (m, 2)
+        Numbers of the segments, the smaller one first.
+    distances : ndarray, shape (m,)
+        Least distances between the two.
+    fractions : ndarray, shape (m, 2)
+        Where on each segment, from 0 at its first node to 1.
+    """
+
+    segments: NDArray[np.int64]
+    distances: Array
+    fractions: Array
+
+    def __len__(self) -> int:
+        return int(self.distances.size)
+
+    def __bool__(self) -> bool:
+        return self.distances.size > 0
+
+
+@jit
+def _clamp(x):
+    return min(max(x, 0.0), 1.0)
+
+
+@jit
+def _pair_distance(x, i, y, j):
+    """Return the least squared distance of two segments, and where it is reached.
+
+    The squared distance is convex in both fractions. Where the least one over the plane is outside
+    the square it is reached on an edge, so that five candidates contain it.
+    """
+    aa = 0.0
+    ab = 0.0
+    bb = 0.0
+    ar = 0.0
+    br = 0.0
+    for c in range(3):
+        a = x[i + 1, c] - x[i, c]
+        b = y[j + 1, c] - y[j, c]
+        r = x[i, c] - y[j, c]
+        aa += a * a
+        ab += a * b
+        bb += b * b
+        ar += a * r
+        br += b * r
+    best = math.inf
+    bs = 0.0
+    bt = 0.0
+    det = aa * bb - ab * ab
+    for case in range(5):
+        if case == 0:
+            if det <= 1e-14 * aa * bb:
+                continue  # parallel: an end is as good as any
+            s = (ab * br - bb * ar) / det
+            t = (aa * br - ab * ar) / det
+            if s < 0.0 or s > 1.0 or t < 0.0 or t > 1.0:
+                continue
+        elif case == 1:
+            s = 0.0
+            t = _clamp(br / bb)
+        elif case == 2:
+            s = 1.0
+            t = _clamp((br + ab) / bb)
+        elif case == 3:
+            t = 0.0
+            s = _clamp(-ar / aa)
+        else:
+            t = 1.0
+            s = _clamp((ab - ar) / aa)
+        square = 0.0
+        for c in range(3):
+            d = x[i, c] + s * (x[i + 1, c] - x[i, c]) - y[j, c] - t * (y[j + 1, c] - y[j, c])
+            square += d * d
+        if square < best:
+            best = square
+            bs = s
+            bt = t
+    return best, bs, bt
+
+
+@jit
+def _segment_distances(points, pairs, distances, fractions):
+    for n in range(pairs.shape[0]):
+        square, s, t = _pair_distance(points, pairs[n, 0], points, pairs[n, 1])
+        distances[n] = math.sqrt(square)
+        fractions[n, 0] = s
+        fractions[n, 1] = t
+
+
+def self_crossings(
+    nodes: ArrayLike, distance: float | None = None, *, closed: bool = False
+) -> Crossings:
+    r"""Find where a rod comes nearer to itself than a distance, such as its thickness.
+
+    Neighbors along the rod are always near; two places count only if the rod between them is longer
+    than :math:`\pi/2` times the distance, which is as tight as a tube of that diameter can turn back.
+    The work is proportional to the number of segments for rods that are not balls of wool.
+
+    Parameters
+    ----------
+    nodes : array_like, shape (N + 1, 3)
+        Positions of the nodes. Of a closed rod the first one may be repeated at the end.
+    distance : float, optional
+        Distance of center lines (length) that is too near; by default a thousandth of the length of
+        the rod.
+    closed : bool
+        Whether the last node is joined with the first.
+
+    Returns
+    -------
+    Crossings
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is wrong.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.rods.results import self_crossings
+    >>> u = np.linspace(0, 2 * np.pi, 81)
+    >>> eight = np.stack([np.sin(2 * u), np.sin(u), 0.01 * np.cos(u)], axis=1)
+    >>> found = self_crossings(eight, 0.05, closed=True)
+    >>> print(bool(found), found.distances.min().round(4))
+    True 0.02
+    """
+    points = _closed_nodes("nodes", nodes) if closed else _nodes("nodes", nodes)
+    edges = np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))
+    total = float(edges.sum())
+    reach = CROSSING_DISTANCE * total if distance is None else positive("distance", distance)
+    ends = np.concatenate([[0.0], np.cumsum(edges)])
+    tree = KDTree(0.5 * (points[:-1] + points[1:]))
+    pairs = tree.query_pairs(reach + float(edges.max()), output_type="ndarray").astype(np.int64)
+    pairs.sort(axis=1)
+    between = ends[pairs[:, 1]] - ends[pairs[:, 0] + 1]
+    if closed:
+        between = np.minimum(between, total - (ends[pairs[:, 1] + 1] - ends[pairs[:, 0]]))
+    apart = pairs[:, 1] - pairs[:, 0] > 1
+    if closed:
+        apart &= pairs[:, 1] - pairs[:, 0] < edges.size - 1
+    pairs = np.ascontiguousarray(pairs[apart & (between > 0.5 * math.pi * reach)])
+    distances, fractions = np.empty(pairs.shape[0]), np.empty((pairs.shape[0], 2))
+    _segment_distances(points, pairs, distances, fractions)
+    near = np.flatnonzero(distances < reach)
+    near = near[np.lexsort((pairs[near, 1], pairs[near, 0], distances[near]))]
+    return Crossings(pairs[near], distances[near], fractions[near])
+
+
+def warn_of_self_crossings(
+    nodes: ArrayLike, distance: float | None = None, *, closed: bool = False, stacklevel: int = 2
+) -> Crossings:
+    """Find self-crossings, and warn if there are any: contact is not modelled.
+
+    Parameters
+    ----------
+    nodes, distance, closed
+        As of :func:`self_crossings`.
+    stacklevel : int
+        Of the warning, as of :func:`warnings.warn`.
+
+    Warns
+    -----
+    LissomeWarning
+        If parts of the rod cross.
+    """
+    found = self_crossings(nodes, distance, closed=closed)
+    if found:
+        i, j = (int(n) for n in found.segments[0])
+        warnings.warn(
+            f"the rod comes within {found.distances[0]:.3g} of itself at segments {i} and {j} "
+            f"({len(found)} pairs of segments are too near); self-contact is not modelled, so that a "
+            "real rod would touch itself here",
+            LissomeWarning,
+            stacklevel=stacklevel + 1,
+        )
+    return found
+
+
+# ---------------------------------------------------------------------------------------------
+# Topology
+
+
+def total_twist(rotations: ArrayLike) -> float:
+    r"""Return the total twist of a framed polygon, in turns.
+
+    The rotation across each hinge is split into parallel transport of the tangent and a turn
+    :math:`2\arctan(q_3/q_0)` about it; these turns are added.
+
+    Parameters
+    ----------
+    rotations : array_like, shape (n, 4)
+        Rotations across the hinges in the frame before each: unit quaternions, scalar first; of a
+        closed rod with the one at the joint.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InvalidInput
+        If the shape is wrong.
+    """
+    q = finite_array("rotations", rotations, (None, 4))
+    sign = np.where(q[:, 0] < 0.0, -1.0, 1.0)
+    return float(np.sum(np.arctan2(sign * q[:, 3], sign * q[:, 0]))) / math.pi
+
+
+@jit
+def _triangle(a, b, c):
+    """Return half the signed area of a spherical triangle of unit vectors."""
+    volume = (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+    ab = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    bc = b[0] * c[0] + b[1] * c[1] + b[2] * c[2]
+    ca = c[0] * a[0] + c[1] * a[1] + c[2] * a[2]
+    return math.atan2(volume, 1.0 + ab + bc + ca)
+
+
+@jit
+def _unit_difference(x, i, y, j):
+    a, b, c = y[j, 0] - x[i, 0], y[j, 1] - x[i, 1], y[j, 2] - x[i, 2]
+    size = math.sqrt(a * a + b * b + c * c)
+    if size == 0.0:
+        return 0.0, 0.0, 0.0
+    return a / size, b / size, c / size
+
+
+@jit
+def _gauss(x, i, y, j):
+    """Return the integral of Gauss over two segments, over 4 pi: a signed area on the unit sphere.
+
+    All directions from points of one segment to points of the other fill a quadrangle.
+    """
+    a = _unit_difference(x, i, y, j)
+    b = _unit_difference(x, i, y, j + 1)
+    c = _unit_difference(x, i + 1, y, j + 1)
+    d = _unit_difference(x, i + 1, y, j)
+    return -(_triangle(a, b, c) + _triangle(a, c, d)) / (2.0 * math.pi)
+
+
+@jit
+def _writhe(x, closed):
+    count = x.shape[0] - 1
+    total = 0.0
+    for i in range(count):
+        row = 0.0
+        for j in range(i + 2, count):
+            if closed and i == 0 and j == count - 1:
+                continue
+            row += _gauss(x, i, x, j)
+        total += row
+    return 2.0 * total
+
+
+@jit
+def _linking(x, y):
+    """Return the integral of Gauss over two closed polygons, and their least squared distance."""
+    total = 0.0
+    least = math.inf
+    for i in range(x.shape[0] - 1):
+        row = 0.0
+        for j in range(y.shape[0] - 1):
+            row += _gauss(x, i, y, j)
+            least = min(least, _pair_distance(x, i, y, j)[0])
+        total += row
+    return total, least
+
+
+def writhe(nodes: ArrayLike, *, closed: bool = False) -> float:
+    r"""Return the writhe of a polygon: its mean number of signed crossings over all views.
+
+    .. math:: \mathrm{Wr} = \frac{1}{4\pi}\int\!\!\int
+              \frac{(x(s) - x(s'))\cdot(x'(s)\times x'(s'))}{|x(s) - x(s')|^3}\,ds\,ds'
+
+    Each pair of segments contributes the signed area that the directions between their points cover on
+    the unit sphere (Banchoff; Klenin and Langowski), so that the result is exact for polygons. The
+    work is quadratic in the number of segments.
+
+    Parameters
+    ----------
+    nodes : array_like, shape (N + 1, 3)
+        Positions. Of a closed polygon the first may be repeated at the end.
+    closed : bool
+        Whether the last node is joined with the first. The writhe of an open curve is the same
+        double integral.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InvalidInput
+        If the shape is wrong.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.rods.results import writhe
+    >>> u = np.linspace(0, 2 * np.pi, 200)
+    >>> print(writhe(np.stack([np.cos(u), np.sin(u), 0 * u], axis=1), closed=True))
+    0.0
+    """
+    points = _closed_nodes("nodes", nodes) if closed else _nodes("nodes", nodes)
+    return float(_writhe(points, bool(closed))) + 0.0  # no negative zero
+
+
+def linking_number(first: ArrayLike, second: ArrayLike) -> int:
+    """Return how often two closed curves are linked: Gauss's linking number.
+
+    Parameters
+    ----------
+    first, second : array_like, shape (N, 3) and (M, 3)
+        Nodes of closed polygons; the first node of each may be repeated at its end.
+
+    Returns
+    -------
+    int
+        Positive if the curves cross as right-handed screws do.
+
+    Raises
+    ------
+    InvalidInput
+        If the curves touch, so that the number does not exist, or nodes are repeated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.rods.results import linking_number
+    >>> u = np.linspace(0, 2 * np.pi, 30)
+    >>> flat = np.stack([np.cos(u), np.sin(u), 0 * u], axis=1)
+    >>> upright = np.stack([1 + np.cos(u), 0 * u, np.sin(u)], axis=1)
+    >>> abs(linking_number(flat, upright))
+    1
+    """
+    x, y = _closed_nodes("first", first), _closed_nodes("second", second)
+    for name, points in (("first", x), ("second", y)):
+        if np.any(np.all(points[1:] == points[:-1], axis=1)):
+            raise InvalidInput(f"argument `{name}` repeats a node; neighbors must differ")
+    value, square = _linking(x, y)
+    size = max(float(np.max(np.ptp(x, axis=0))), float(np.max(np.ptp(y, axis=0))))
+    if square < (1e-12 * size) ** 2:
+        raise InvalidInput(
+            f"arguments `first` and `second` touch (they come within {math.sqrt(square):.3g}); move one "
+            "of them"
+        )
+    return round(value)
+
+
+# ---------------------------------------------------------------------------------------------
+# Tables and files
+
+
+def node_values(
+    values: ArrayLike, hinge_nodes: ArrayLike, hinge_lengths: ArrayLike, count: int
+) -> Array:
+    """Return values of hinges as values of nodes.
+
+    Parameters
+    ----------
+    values : array_like, shape (n, ...)
+        One row for each hinge.
+    hinge_nodes : array_like of int, shape (n,)
+        Node of each hinge. A node that is clamped inside a rod has two hinges: their mean is taken,
+        weighted with their lengths.
+    hinge_lengths : array_like, shape (n,)
+        Rest lengths of the hinges.
+    count : int
+        Number of nodes.
+
+    Returns
+    -------
+    ndarray, shape (count, ...)
+        Not a number where a node has no hinge.
+    """
+    array = np.asarray(values, dtype=float)
+    where = finite_array("hinge_nodes", hinge_nodes, (array.shape[0],), dtype=np.int64)
+    weights: Array = finite_array("hinge_lengths", hinge_lengths, (array.shape[0],))
+    if np.any((where < 0) | (where >= count)):
+        raise InvalidInput(
+            f"argument `hinge_nodes` holds {where.min()} to {where.max()}; nodes are numbered 0 to "
+            f"{count - 1}"
+        )
+    shape = (-1,) + (1,) * (array.ndim - 1)
+    total, weight = np.zeros((count, *array.shape[1:])), np.zeros(count)
+    np.add.at(total, where, array * weights.reshape(shape))
+    np.add.at(weight, where, weights)
+    out = np.full_like(total, np.nan)
+    has = weight > 0.0
+    out[has] = total[has] / weight[has].reshape(shape)
+    return out
+
+
+def _columns(**groups: tuple[Any, tuple[str, ...]]) -> pd.DataFrame:
+    import pandas as pd
+
+    columns: dict[str, Any] = {}
+    rows: int | None = None
+    for argument, (values, names) in groups.items():
+        if values is None:
+            continue
+        array = np.asarray(values)
+        array = array.reshape(array.shape[0], -1) if array.ndim else array.reshape(0, 0)
+        if array.shape[1] != len(names) or (rows is not None and array.shape[0] != rows):
+            raise InvalidInput(
+                f"argument `{argument}` has shape {np.shape(values)}; it must have "
+                f"{'as many rows as the others' if rows is None else f'{rows} rows'} and "
+                f"{len(names)} numbers in each"
+            )
+        rows = array.shape[0]
+        columns.update({name: array[:, k] for k, name in enumerate(names)})
+    return pd.DataFrame(columns)
+
+
+def node_table(
+    arclength: ArrayLike, positions: ArrayLike, *, strains: Any = None, moments: Any = None
+) -> pd.DataFrame:
+    """Return a table with a row for each node.
+
+    Parameters
+    ----------
+    arclength : array_like, shape (N + 1,)
+        Rest arc lengths: column s.
+    positions : array_like, shape (N + 1, 3)
+        Columns x, y, z.
+    strains : array_like, shape (N + 1, 3), optional
+        Columns curvature_1, curvature_2, twist; see :func:`node_values`.
+    moments : array_like, shape (N + 1, 3), optional
+        Columns moment_1, moment_2, moment_3, along the directors.
+
+    Returns
+    -------
+    pandas.DataFrame
+
+    Raises
+    ------
+    InvalidInput
+        If shapes do not fit.
+    """
+    return _columns(
+        arclength=(arclength, ("s",)),
+        positions=(positions, ("x", "y", "z")),
+        strains=(strains, STRAINS),
+        moments=(moments, ("moment_1", "moment_2", "moment_3")),
+    )
+
+
+def hinge_table(
+    nodes: ArrayLike, arclength: ArrayLike, *, strains: Any = None, moments: Any = None
+) -> pd.DataFrame:
+    """Return a table with a row for each hinge: columns node, s, and those of :func:`node_table`."""
+    return _columns(
+        nodes=(nodes, ("node",)),
+        arclength=(arclength, ("s",)),
+        strains=(strains, STRAINS),
+        moments=(moments, ("moment_1", "moment_2", "moment_3")),
+    )
+
+
+def segment_table(
+    arclength: ArrayLike, directors: ArrayLike, *, forces: Any = None, stretches: Any = None
+) -> pd.DataFrame:
+    """Return a table with a row for each segment.
+
+    Parameters
+    ----------
+    arclength : array_like, shape (N,)
+        Rest arc lengths of the middles: column s.
+    directors : array_like, shape (N, 3, 3)
+        ``directors[j, I]`` is director I: columns d1x to d3z.
+    forces : array_like, shape (N, 3), optional
+        Internal forces: columns force_x, force_y, force_z.
+    stretches : array_like, shape (N,), optional
+        Column stretch.
+
+    Returns
+    -------
+    pandas.DataFrame
+    """
+    names = tuple(f"d{i}{c}" for i in (1, 2, 3) for c in "xyz")
+    return _columns(
+        arclength=(arclength, ("s",)),
+        directors=(directors, names),
+        forces=(forces, ("force_x", "force_y", "force_z")),
+        stretches=(stretches, ("stretch",)),
+    )
+
+
+def write_vtk(
+    path: str | os.PathLike[str],
+    positions: ArrayLike,
+    directors: ArrayLike,
+    *,
+    closed: bool = False,
+    point_data: Mapping[str, ArrayLike] | None = None,
+    cell_data: Mapping[str, ArrayLike] | None = None,
+) -> Path:
+    """Write a rod for ParaView: a chain of lines with directors and whatever is known on it.
+
+    Parameters
+    ----------
+    path : path
+        File to write; its name ends in ``.vtu`` (XML) or ``.vtk`` (legacy).
+    positions : array_like, shape (N + 1, 3)
+        Nodes. Of a closed rod the last one, which repeats the first, is left out.
+    directors : array_like, shape (N, 3, 3)
+        Written as the cell data d1, d2, d3.
+    closed : bool
+        Whether the last segment ends at node 0.
+    point_data : mapping, optional
+        Arrays (N + 1, ...) by name, such as strains; not a number is allowed.
+    cell_data : mapping, optional
+        Arrays (N, ...) by name, such as internal forces.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    InvalidInput
+        If shapes do not fit, or the name of the file says another format.
+    """
+    import meshio
+
+    file = Path(path)
+    one_of("path", file.suffix.lower(), FORMATS)
+    points = _nodes("positions", positions)
+    count = points.shape[0] - 1
+    frames: Array = finite_array("directors", directors, (count, 3, 3))
+    data = {"d1": frames[:, 0], "d2": frames[:, 1], "d3": frames[:, 2]}
+    lines = np.stack([np.arange(count), np.arange(1, count + 1)], axis=1)
+    kept = count + 1
+    if closed:
+        lines[-1, 1] = 0
+        kept = count
+
+    def arrays(kind: str, values: Mapping[str, ArrayLike] | None, rows: int) -> dict[str, Array]:
+        out = {}
+        for name, value in (values or {}).items():
+            array = np.ascontiguousarray(value, dtype=float)
+            if array.ndim == 0 or array.shape[0] != rows:
+                raise InvalidInput(
+                    f"argument `{kind}`[{name!r}] has shape {array.shape}; it must have {rows} rows"
+                )
+            out[name] = array
+        return out
+
+    on_points = {k: v[:kept] for k, v in arrays("point_data", point_data, count + 1).items()}
+    data |= arrays("cell_data", cell_data, count)
+    mesh = meshio.Mesh(
+        points[:kept],
+        [("line", lines)],
+        point_data=on_points,
+        cell_data={name: [np.ascontiguousarray(value)] for name, value in data.items()},
+    )
+    mesh.write(file)
+    return file
