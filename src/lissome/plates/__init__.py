@@ -17,7 +17,14 @@ True
 """
 
 from .actuation import SpontaneousHistory, spontaneous_history
-from .directors import Defect, Director, UniformDirector, UserDirector, require_inside
+from .directors import (
+    Defect,
+    DirectedTensor,
+    Director,
+    UniformDirector,
+    UserDirector,
+    require_inside,
+)
 from .films import (
     CurvatureSigns,
     curvature_signs,
@@ -57,6 +64,7 @@ __all__ = [
     "Convection",
     "CurvatureSigns",
     "Defect",
+    "DirectedTensor",
     "Director",
     "FixedTemperature",
     "Flight",

@@ -17,7 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from .._validate import finite, finite_array
 from ..errors import InvalidInput
 
-__all__ = ["Defect", "Director", "UniformDirector", "UserDirector", "require_inside"]
+__all__ = [
+    "Defect",
+    "DirectedTensor",
+    "Director",
+    "UniformDirector",
+    "UserDirector",
+    "require_inside",
+]
 
 Array = NDArray[np.float64]
 
@@ -52,8 +59,51 @@ class Director:
         c, s = half * visible * np.cos(double), half * visible * np.sin(double)
         return np.array([[mean + c, s], [s, mean - c]])
 
+    def field(self, along: float, across: float) -> DirectedTensor:
+        """Return the tensor as a function of x and y, which is what :class:`.Plate` takes.
+
+        Parameters
+        ----------
+        along, across : float
+            Its components along and across the director.
+
+        Returns
+        -------
+        DirectedTensor
+            Callable; it can be pickled.
+        """
+        return DirectedTensor(self, finite("along", along), finite("across", across))
+
     def _order(self, x: Array, y: Array) -> Array:
         return np.ones(x.shape)
+
+
+@dataclass(frozen=True)
+class DirectedTensor:
+    """A tensor field with constant components along and across a director.
+
+    Attributes
+    ----------
+    director : Director
+        The field of directions.
+    along, across : float
+        The components.
+
+    Examples
+    --------
+    >>> from lissome.plates import UniformDirector
+    >>> tensor = UniformDirector(0.0).field(along=-0.1, across=0.05)
+    >>> print(tensor([0.0, 1.0], [0.0, 1.0]).shape)
+    (2, 2, 2)
+    """
+
+    director: Director
+    along: float
+    across: float
+
+    def __call__(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return the tensor at points, shape (2, 2, ...)."""
+        return self.director.tensor(x, y, self.along, self.across)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._units import magnitude
 from .._validate import finite, integer_at_least, positive
 from ..errors import InvalidInput, NotConverged
+from .directors import DirectedTensor, Director
 from .thermal_strain import NoStrain, StrainCurve, checked_tensor, transverse_strain
 
 __all__ = ["Laminate", "Layer", "Spontaneous"]
@@ -235,6 +236,34 @@ class Spontaneous:
         """Strain across minus along: radial minus azimuthal where the director runs in circles."""
         return self.strain_across - self.strain_along
 
+    def fields(self, director: Director) -> dict[str, DirectedTensor]:
+        """Return the arguments `strain` and `curvature` of a :class:`.Plate`.
+
+        Parameters
+        ----------
+        director : Director
+            Direction of the mesogens, the same at all heights.
+
+        Returns
+        -------
+        dict
+            Functions of x and y under the names ``"strain"`` and ``"curvature"``.
+
+        Raises
+        ------
+        InvalidInput
+            If this is a history: take one time of it with :meth:`SpontaneousHistory.at`.
+        """
+        if np.ndim(self.strain_along) > 0:
+            raise InvalidInput(
+                f"these are spontaneous strains of shape {np.shape(self.strain_along)}; a plate takes "
+                "those of one time"
+            )
+        return {
+            "strain": director.field(float(self.strain_along), float(self.strain_across)),
+            "curvature": director.field(float(self.curvature_along), float(self.curvature_across)),
+        }
+
     @property
     def curvature_difference(self) -> Array:
         """Curvature across minus along."""
@@ -404,6 +433,14 @@ class Laminate:
         """B: force times length. The bending stiffness of a plate is B/(1 - nu^2)."""
         self.poisson_ratio  # noqa: B018
         return self._channel(lambda layer: 1.0)[2]
+
+    def moduli(self) -> dict[str, float]:
+        """Return the arguments `stretching`, `bending` and `poisson` of a :class:`.Plate`."""
+        return {
+            "stretching": self.stretching_modulus,
+            "bending": self.bending_modulus,
+            "poisson": self.poisson_ratio,
+        }
 
     @property
     def bending_length(self) -> float:
