@@ -1,6 +1,7 @@
 """Circles: the closed thresholds against a Galerkin method, nonlinear energies and limits."""
 
 import numpy as np
+import pint
 import pytest
 
 from lissome.errors import InvalidInput
@@ -34,6 +35,19 @@ def test_thresholds_of_the_slinky_without_the_library():
         for side in ("width", "thickness")
     ]
     assert abs(ends[0] - 2.85) < 0.02 < abs(ends[1] - 2.85)
+
+
+def test_overcurvature_of_the_flat_circle_is_one():
+    """kappa_0 L / (2 pi) is the pure number 1 for kappa_0 = 2 pi/L; 2 pi kappa_0/L is none."""
+    unit = pint.UnitRegistry()
+    length = 314 * unit.mm
+    natural = 2 * np.pi / length
+    ratio = (natural * length / (2 * np.pi)).to_base_units()
+    assert ratio.dimensionless
+    assert ratio.magnitude == pytest.approx(1.0, rel=1e-15)
+    assert not (2 * np.pi * natural / length).dimensionless
+    # in these units the circle itself has no strain energy, at O = 1
+    assert ring.circle_spectrum(SLINKY, 1, ratio.magnitude).min() > -1e-12
 
 
 @pytest.mark.parametrize("section", SECTIONS)
