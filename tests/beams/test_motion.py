@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import lissome as ls
 from lissome import beams
 from lissome.beams import ClampedStrip, GaussianSpot, ParallelLight, UserLight
+from lissome.beams._motion import period_of
 from lissome.errors import InvalidInput, NotConverged
 from lissome.references import photomechanical
 
@@ -454,3 +455,72 @@ def test_any_light_is_followed(intensity, angle, span):
     np.testing.assert_allclose(history.x[:, -1], span, rtol=0, atol=1e-10)
     np.testing.assert_allclose(history.y[:, -1], 0, rtol=0, atol=1e-10)
     assert history.times[-1] == 3.0
+
+
+@pytest.mark.parametrize("step", [0.04, 0.01])
+def test_rest_beside_a_fold_is_reached_with_long_steps(step):
+    """There a soft shape under light restores itself faster than a step of 0.04 could follow."""
+    strip, light = ClampedStrip(0.95, 100), ParallelLight(15.0, angle=math.radians(88.2324))
+    found = beams.flapping(strip, light, step=step)
+    assert found.flaps is False
+    assert found.snaps == 1
+    assert 0 < found.eigenvalue < 0.2
+    history = strip.under(light).run(40.0, step=step, record_every=None)
+    assert history.rate < 1e-6
+    np.testing.assert_allclose(history.curvature[-1], history.flux_target(-1), atol=1e-5)
+
+
+def test_flapping_of_nearly_straight_strips():
+    """The shape scales with the root of the slack, and so does the light's difference along it.
+
+    What is left of the height is of first order in it when the strip first snaps, and of second order
+    in a whole cycle, which goes both ways.
+    """
+    slack = np.array([5e-4, 1e-4, 1e-5])
+    strips = [ClampedStrip(1 - e, 100) for e in slack]
+    light = ParallelLight(10.0, angle=math.pi / 4)
+    found = [beams.flapping(strip, light, tolerance=1e-7, step=0.005) for strip in strips]
+    assert all(f.flaps and f.snaps_per_cycle == 2 for f in found)
+    slopes = np.diff([f.frequency for f in found]) / np.diff(slack)
+    assert slopes[0] == pytest.approx(slopes[1], rel=0.05)
+    first = [beams.first_snap(strip, light) for strip in strips]
+    slopes = np.diff([f.time for f in first]) / np.diff(np.sqrt(slack))
+    assert slopes[0] == pytest.approx(slopes[1], rel=0.05)
+    released = [f.energy_released for f in first] / slack
+    np.testing.assert_allclose(released, released[-1], rtol=0.05)
+
+
+def jumps(curvatures, times):
+    """Return snaps with given natural curvatures (one number each) and times."""
+    zero = np.zeros(2)
+    return [
+        beams.Snap(float(t), 1e-9, "snap", zero, zero, np.array([1.0, k]), zero, 0.0, 1.0)
+        for t, k in zip(times, curvatures, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("ratio", [-0.97, -0.8, 0.5])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+def test_the_least_period_is_reported(ratio, tolerance):
+    """Two snaps a cycle; each cycle deviates from the limit by `ratio` times the one before."""
+    n = np.arange(1000)
+    cycles = n // 2
+    deviation = 0.3 * np.sign(ratio) ** cycles * np.abs(ratio) ** cycles
+    curvatures = np.where(n % 2 == 0, 0.2, 0.7) + deviation
+    times = 0.4 * n + 0.01 * (n % 2) + 0.05 * deviation
+    seen = jumps(curvatures, times)
+    found = [period_of(seen[:k], tolerance) for k in range(1, len(seen) + 1)]
+    told = [f for f in found if f is not None]
+    assert told
+    assert {f.snaps for f in told} == {2}
+    np.testing.assert_allclose([f.value for f in told], 0.8, atol=tolerance)
+
+
+def test_a_doubled_period_is_told_from_slow_convergence():
+    """Cycles of 4 snaps whose halves differ by little, and go on to differ."""
+    n = np.arange(120)
+    curvatures = np.choose(n % 4, [0.2, 0.7, 0.2 + 2e-5, 0.7 - 3e-5]) + 1e-3 * 0.7**n
+    found = period_of(jumps(curvatures, 0.4 * n), 1e-6)
+    assert found is not None
+    assert found.snaps == 4
+    assert found.value == pytest.approx(1.6)

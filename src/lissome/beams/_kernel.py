@@ -69,11 +69,14 @@ SCALARS = 7
 
 # Of a step beside the longest one, where the light bends: a contact that jumps would stop the clock.
 SHORTEST = 0.02
+# Longest step times the rate at which light and shape restore each other; beyond 2 it is unstable.
+STIFF = 1.0
 
 # Rows of `Space.nodes` and `Space.springs`.
 SINE, COSINE, OLD_ANGLES, X, Y, LEAN, ANGLE, PREDICTED, CORRECTION = range(9)
 NODE_ROWS = 9
-TARGET, TARGET_NEXT, NEW, OLD, SLOPE = range(5)
+TARGET, TARGET_NEXT, NEW, OLD, SLOPE, BEFORE = range(6)
+SPRING_ROWS = 6
 
 
 class Chain(NamedTuple):
@@ -106,7 +109,7 @@ class Lamp(NamedTuple):
 
 
 class Options(NamedTuple):
-    """Of the time loop."""
+    """Of the time loop. ``turn``: the largest change of an angle in a step."""
 
     until: float
     step: float
@@ -115,6 +118,7 @@ class Options(NamedTuple):
     tolerance: float
     resolution: float
     hold: float
+    turn: float
     record_every: int
 
 
@@ -122,9 +126,9 @@ class Space(NamedTuple):
     """Scratch arrays of the time loop.
 
     ``nodes`` (9, M): sines, cosines, old angles, positions, lean, angles, first guess at the new time
-    and how far it was off. ``springs`` (5, M - 1): what
-    the light asks for now and at the end of the step, new and old curvature, and the rate of what the
-    light asks for. ``masses`` and ``mode`` (n,). ``saved``: clock and multipliers at the start of the
+    and how far it was off. ``springs`` (6, M - 1): what the light asks for now and at the end of the
+    step, new and old curvature, the rate of what the light asks for, and what it asked for before the
+    last stage. ``masses`` and ``mode`` (n,). ``saved``: clock and multipliers at the start of the
     step.
     """
 
@@ -142,7 +146,7 @@ def space_for(chain: Chain, size: int) -> Space:
     masses = weights[chain.first : chain.last].copy()
     return Space(
         np.zeros((NODE_ROWS, size)),
-        np.zeros((5, size - 1)),
+        np.zeros((SPRING_ROWS, size - 1)),
         masses,
         np.zeros(masses.size),
         np.zeros(CLOCK_SIZE + 2),
@@ -412,6 +416,11 @@ def march(
     the square of ``options.step`` times its mean distance from the natural curvature.  In the
     square-root approach to a fold the error would else be of order 3/2 in the step.
 
+    They are also shortened where the light opposes what the natural curvature does to the shape, so
+    strongly that a long step overshoots: near a fold a soft shape answers to small changes of
+    curvature, and equilibrium under light is approached at a rate that grows without bound. The rate
+    is the Rayleigh quotient of the change of what the light asks for over a stage.
+
     Returns
     -------
     reason : int
@@ -435,6 +444,8 @@ def march(
     begun = False
     stale = True  # the factors in `work` do not belong to the current state
     raised = 0.0
+    stiffness = 0.0
+    reach = 2.0 * options.turn  # of a correction
     if clock[TRIAL] <= 0.0:
         clock[TRIAL] = options.step
     while True:
@@ -445,7 +456,7 @@ def march(
                 data,
                 np.inf if begun else options.tolerance,
                 12.0,
-                0.5,
+                reach,
                 work,
             )
             if status != CONVERGED or negative != m or zero != 0:
@@ -505,7 +516,7 @@ def march(
                 for j in range(chain.first, chain.last):
                     angles[j] += again * nodes[CORRECTION, j]
             status, _, energy, residual, raised, _, negative, zero, _ = correct(
-                x, multipliers, data, options.tolerance, 12.0, 0.5, work
+                x, multipliers, data, options.tolerance, 12.0, reach, work
             )
             if stage == 0:
                 for j in range(angles.size):
@@ -513,6 +524,8 @@ def march(
             good = status == CONVERGED and negative == m and zero == 0
             if not good:
                 break
+            for j in range(curvature.size):
+                springs[BEFORE, j] = springs[TARGET if stage == 0 else TARGET_NEXT, j]
             # Contact and light at the new time, from the contact at the old one.
             clock[CONTACT] = saved[CONTACT]
             clock[TIME] = new_time
@@ -529,7 +542,7 @@ def march(
         for j in range(angles.size):
             turned = max(turned, abs(angles[j] - nodes[OLD_ANGLES, j]))
         due = False
-        if good and turned <= 0.3:
+        if good and turned <= options.turn:
             clock[ENERGY] = energy
             clock[RESIDUAL] = residual
             clock[STEPS] += 1.0
@@ -537,7 +550,15 @@ def march(
                 nodes[CORRECTION, j] = nodes[PREDICTED, j]
             change = 0.0
             size = 0.0
+            along = 0.0
+            moved = 0.0
             for j in range(curvature.size):
+                # What the last stage did to the curvature, and what the light answers to it.
+                move = curvature[j] - springs[OLD, j]
+                if stages == 2:
+                    move = springs[BEFORE, j] - springs[TARGET, j]  # times 1 - a / dt
+                moved += move * move
+                along += move * (springs[TARGET_NEXT, j] - springs[BEFORE, j])
                 slope = (springs[TARGET_NEXT, j] - springs[TARGET, j]) / dt
                 change += abs(slope - springs[SLOPE, j])
                 size += abs(springs[TARGET_NEXT, j] - natural[j])
@@ -548,6 +569,15 @@ def march(
                 second = change / (0.5 * (dt + last_dt))
                 if second > options.bending * size:
                     next_step *= max(math.sqrt(options.bending * size / second), SHORTEST)
+            if options.scheme != EXPLICIT_EULER:
+                count = curvature.size
+                share = 1.0 - a / dt if stages == 2 else 1.0
+                moved *= share * share
+                along *= share
+                sure = moved > (1e-11 * (1.0 + size / count)) ** 2 * count  # not rounding errors
+                stiffness = max(-along / moved if sure else 0.0, 0.9 * stiffness)
+                if stiffness * next_step > STIFF:
+                    next_step = max(STIFF / stiffness, SHORTEST * options.step)
             last_dt = dt
             next_step = min(next_step, 2.0 * max(dt, clock[TRIAL]))
             if failed_at < np.inf:

@@ -27,17 +27,23 @@ SCHEMES = {
     "exponential-2": _kernel.EXPONENTIAL_2,
 }
 DEFAULT_STEP = 0.005
-RESOLUTION = 2e-8  # change of the natural curvature within which a loss of stability is enclosed
 # Steps are shortened where the flux bends more in time than this (see `_kernel.march`).
 BENDING = 1.0
+PATIENCE = 500  # losses of stability in a row that are none
+LOST = 0.3  # smallest eigenvalue (of order 40 for a strip) above which stability is not being lost
+# The rest is for a strip whose largest angle is HIGH (radians; that of a span of 0.95); lengths in
+# radians and changes of curvature are proportionally less for a flatter one.
+HIGH = 0.45
+RESOLUTION = 2e-8  # change of the natural curvature within which a loss of stability is enclosed
+TURN = 0.3  # radians: largest turn of a tangent in one step
 PUSH = 0.05  # radians, along the critical mode of a snap
+NEAR = 1e-3  # radians: the equilibrium just after is nearer than this, if it exists
+SNAP_DISTANCE = 0.05  # radians: a loss of stability that moves the shape less is no jump
 # Smallest eigenvalue that the equilibrium equations, solved to rounding errors, resolve with certainty.
 RESOLVED = 2e-5
-NEAR = 1e-3  # radians: the equilibrium just after is nearer than this, if it exists
-PATIENCE = 500  # losses of stability in a row that are none
-SNAP_DISTANCE = 0.05  # radians: a loss of stability that moves the shape less is no jump
-LOST = 0.3  # smallest eigenvalue (of order 40 for a strip) above which stability is not being lost
 CHUNK = 512
+PERIOD_MEMORY = 25  # jumps that tell the period: three cycles of eight, and one more
+DISTINCT = 0.05  # relative difference of the curvatures at two jumps that are surely not the same
 
 
 class Period(NamedTuple):
@@ -132,10 +138,21 @@ class Runner:
         if isinstance(light, ParallelLight):
             largest += abs(structure.response) * light.intensity
         self.tolerance = residual_floor(structure.segments, largest)
-        self.resolution = resolution
+        # A nearly straight strip is as long as its chord and a quarter of its squared amplitude.
+        slack = 1.0 - math.hypot(self.chain.chord_x, self.chain.chord_y)
+        self.amplitude = min(1.0, 2.0 * math.sqrt(max(slack, 0.0)) / HIGH)
+        self.resolution = resolution * self.amplitude
         self.step = step
         self.options = _kernel.Options(
-            time, step, scheme, bending, self.tolerance, resolution, hold, 0
+            time,
+            step,
+            scheme,
+            bending,
+            self.tolerance,
+            self.resolution,
+            hold,
+            TURN * self.amplitude,
+            0,
         )
         gain = structure.response * structure.face(light.side)
         if isinstance(light, UserLight):
@@ -191,7 +208,7 @@ class Runner:
             self.space.masses,
             self.tolerance,
             limit,
-            0.3,
+            TURN * self.amplitude,
             self.work,
         )
         self.clock[_kernel.ENERGY] = energy
@@ -232,12 +249,13 @@ class Runner:
 
     def nearby(self) -> bool:
         """Move to the stable equilibrium beside the present shape, if there is one."""
+        near = NEAR * self.amplitude
         angles, forces = self.angles.copy(), self.multipliers.copy()
         status, _, energy, residual, _, _, negative, zero, _ = _kernel.correct(
-            self.unknown, self.multipliers, self.data, self.tolerance, 12.0, NEAR, self.work
+            self.unknown, self.multipliers, self.data, self.tolerance, 12.0, near, self.work
         )
         moved = float(np.max(np.abs(self.angles - angles)))
-        if status == 0 and negative == 2 and zero == 0 and moved < NEAR:
+        if status == 0 and negative == 2 and zero == 0 and moved < near:
             self.clock[_kernel.ENERGY] = energy
             self.clock[_kernel.RESIDUAL] = residual
             return True
@@ -264,7 +282,8 @@ class Runner:
         self.curvature += -math.expm1(-delay) * (target - self.curvature)
         self.clock[_kernel.TIME] += delay
         energy_before = _kernel.evaluate(self.data, self.unknown, self.multipliers, self.work)
-        if eigenvalue > RESOLVED and self.nearby():
+        # At a fold the eigenvalue goes with the root of the distance, in units of the height.
+        if eigenvalue > RESOLVED / math.sqrt(self.amplitude) and self.nearby():
             self.clock[_kernel.TRIAL] = delay
             self.patience -= 1
             if self.patience < 0:
@@ -277,8 +296,9 @@ class Runner:
         self.patience = PATIENCE
         direction = mode / np.max(np.abs(mode))
         beside: tuple[float, Array, Array, Array] | None = None
-        for push in (PUSH, -PUSH, 3 * PUSH, -3 * PUSH, 9 * PUSH, -9 * PUSH):
-            if beside is not None and abs(push) > PUSH:
+        unit, jump = PUSH * self.amplitude, SNAP_DISTANCE * self.amplitude
+        for push in (unit, -unit, 3 * unit, -3 * unit, 9 * unit, -9 * unit):
+            if beside is not None and abs(push) > unit:
                 break  # a far push might throw a stable shape over a barrier
             self.angles[:] = before
             self.unknown[:] += push * direction
@@ -288,7 +308,7 @@ class Runner:
                 distance = float(np.max(np.abs(self.angles - before)))
                 if status == 0 or distance < 0.7 * abs(push):
                     break  # done, or on the way back
-            if status == 0 and distance > SNAP_DISTANCE:
+            if status == 0 and distance > jump:
                 beside = None
                 break
             if status == 0 and beside is None:
@@ -307,7 +327,7 @@ class Runner:
         return Snap(
             time + 0.5 * delay,
             0.5 * delay,
-            "snap" if distance > SNAP_DISTANCE else "bifurcation",
+            "snap" if distance > jump else "bifurcation",
             before,
             self.angles.copy(),
             self.curvature.copy(),
@@ -883,22 +903,46 @@ class History:
 
 
 def period_of(snaps: Sequence[Snap], tolerance: float, longest: int = 8) -> Period | None:
-    """Find the shortest repeating cycle at the end of a sequence of snaps."""
-    jumps = [s for s in snaps if s.kind == "snap"]
+    """Find the shortest repeating cycle at the end of a sequence of snaps.
+
+    A cycle of q snaps is not taken for the period while a part of it repeats ever better: the motion
+    then converges to a shorter cycle, from side to side.
+    """
+    jumps = [s for s in snaps if s.kind == "snap"][-PERIOD_MEMORY:]
     n = len(jumps)
     if n < 3:
         return None
     last = jumps[-1]
     scale = float(np.max(np.abs(last.curvature)))
+
+    def distance(later: int, apart: int) -> float:
+        """Return how much the curvature has changed at a jump since an earlier one."""
+        change = jumps[later].curvature - jumps[later - apart].curvature
+        return float(np.max(np.abs(change))) / scale
+
+    def differs(part: int, cycle: int) -> bool:
+        """Return whether a part of the cycle will never repeat."""
+        now = distance(n - 1, part)
+        if now > min(1e3 * tolerance, DISTINCT):
+            return True
+        if now <= tolerance or n - 1 - 2 * cycle - part < 0:
+            return False
+        before, first = (distance(n - 1 - k * cycle, part) for k in (1, 2))
+        bend = now - 2.0 * before + first
+        limit = now if bend == 0.0 else now - (now - before) ** 2 / bend  # Aitken
+        return limit > 0.5 * now
+
     for q in range(1, min(longest, (n - 1) // 2) + 1):
-        before = jumps[n - 1 - q]
-        distance = float(np.max(np.abs(last.curvature - before.curvature))) / scale
-        if distance > tolerance:
+        found = distance(n - 1, q)
+        if found > tolerance:
             continue
+        before = jumps[n - 1 - q]
         value = last.time - before.time
         previous = before.time - jumps[n - 1 - 2 * q].time
-        uncertainty = max(abs(value - previous), last.uncertainty + before.uncertainty)
         if abs(value - previous) > 10 * tolerance * value:
-            continue
-        return Period(value, uncertainty, q, distance)
+            return None
+        if not all(differs(part, q) for part in range(1, q) if q % part == 0):
+            return None
+        uncertainty = max(abs(value - previous), last.uncertainty + before.uncertainty)
+        return Period(value, uncertainty, q, found)
     return None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from .._validate import integer_at_least, one_of, positive
 from ..errors import InvalidInput
 from . import _kernel
-from ._motion import DEFAULT_STEP, SCHEMES, Motion, Runner, Snap, period_of
+from ._motion import DEFAULT_STEP, PERIOD_MEMORY, SCHEMES, Motion, Runner, Snap, period_of
 from ._structures import ClampedStrip
 from .light import Light
 
@@ -157,7 +157,7 @@ def flapping(
                 continue
             count += 1
             seen.append(snap)
-            if len(seen) > 17:
+            if len(seen) > PERIOD_MEMORY:
                 seen.pop(0)
             found = period_of(seen, tolerance)
             if found is not None:
