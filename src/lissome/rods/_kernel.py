@@ -254,7 +254,12 @@ def assemble(
             gradient[ce] += plan.lengths[j] * (plan.stiffness * strain * e - p3)
         if order == 1:
             continue
-        if c >= 0:
+        if 0 <= c < length:
+            band[c, 0] += le * p3
+            band[c + 1, 0] += le * p3
+            band[c, 2] -= 0.5 * le * p1
+            band[c + 1, 1] -= 0.5 * le * p2
+        elif c >= 0:
             _add(band, border, corner, c, c, le * p3)
             _add(band, border, corner, c + 1, c + 1, le * p3)
             _add(band, border, corner, c + 2, c, -0.5 * le * p1)
@@ -267,7 +272,10 @@ def assemble(
                 _add(band, border, corner, ce, c + 1, -plan.lengths[j] * p1)
         for r in range(m):
             if plan.rows[r, 1] <= j < plan.rows[r, 2]:
-                if c >= 0:
+                if 0 <= c < length:
+                    border[c, first_row - length + r] = -le * _row(plan, r, j, d2)
+                    border[c + 1, first_row - length + r] = le * _row(plan, r, j, d1)
+                elif c >= 0:
                     _add(band, border, corner, c, first_row + r, -le * _row(plan, r, j, d2))
                     _add(band, border, corner, c + 1, first_row + r, le * _row(plan, r, j, d1))
                 if ce >= 0:

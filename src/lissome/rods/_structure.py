@@ -15,8 +15,9 @@ from .._validate import finite, finite_array, integer_at_least, one_of, positive
 from ..equilibrium import Equilibrium
 from ..errors import FactorizationError, InvalidInput
 from ..factorization import ChainKKT, ChainLayout
-from ..structure import EPS, BaseStructure, Evaluation
+from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
+from ._corrector import fast_correction
 from ._equilibrium import RodEquilibrium
 from .loads import Distributed, Loads
 from .measures import CODES, MEASURES, measure_all, pull_back_all, rotation_from_strain
@@ -833,6 +834,13 @@ class Rod(BaseStructure):
             return Evaluation(energy, constraints, gradient)
         kkt = ChainKKT(band, border.T, corner, layout=layout.chain)
         return Evaluation(energy, constraints, gradient, kkt)
+
+    def correct(self, state: RodState, multipliers: Array, tolerance: float) -> Corrected | None:
+        """Return a nearby stationary point, by Newton's method with a shift and a short line search.
+
+        None if a few steps do not lead to one; :func:`lissome.equilibrate` then descends with care.
+        """
+        return fast_correction(self, state, multipliers, tolerance)
 
     def present(self, equilibrium: Equilibrium) -> RodEquilibrium:
         """Return the equilibrium with positions, forces and moments."""
