@@ -131,6 +131,37 @@ class Geometry:
         return Points(self.positions(points), area * weights, inverse)
 
 
+def edge_senses(mesh: Any) -> Any:
+    """Return where an edge runs against the sense of its triangle, shape (T, 3).
+
+    Edges run from the vertex of smaller to that of larger number, whatever the triangle says.
+    """
+    ends = np.array([mesh.t[[a, b]] for a, b in EDGES])  # (3, 2, T)
+    return (ends[:, 0] > ends[:, 1]).T
+
+
+def number_nodes(mesh: Any, degree: int) -> tuple[int, Index]:
+    """Return the number of nodes of a continuous field, and those of each triangle (T, n)."""
+    p, backward = degree, edge_senses(mesh)
+    facets, vertices, triangles = mesh.facets.shape[1], int(mesh.nvertices), mesh.t.shape[1]
+    inside = (p - 1) * (p - 2) // 2
+    columns = [mesh.t.T]
+    for edge in range(3):
+        steps = np.broadcast_to(np.arange(p - 1), (triangles, p - 1))
+        steps = np.where(backward[:, edge, None], p - 2 - steps, steps)
+        columns.append(vertices + (p - 1) * mesh.t2f[edge][:, None] + steps)
+    first = vertices + (p - 1) * facets
+    columns.append(first + np.arange(inside * triangles).reshape(triangles, inside))
+    nodes = np.ascontiguousarray(np.hstack(columns), dtype=np.int64)
+    return first + inside * triangles, nodes
+
+
+def nodes_on(mesh: Any, degree: int, facets: Index) -> Index:
+    """Return the nodes of a continuous field on given edges."""
+    middle = int(mesh.nvertices) + (degree - 1) * facets[:, None] + np.arange(degree - 1)
+    return np.unique(np.concatenate([mesh.facets[:, facets].ravel(), middle.ravel()]))
+
+
 class PlateSpace:
     """Degrees of freedom of a plate on a mesh; everything that does not depend on the material.
 
@@ -152,23 +183,11 @@ class PlateSpace:
         self.degree = p = int(degree)
         self.geometry = Geometry(mesh)
         self.basis = lagrange(p)
-        facets, vertices, triangles = mesh.facets.shape[1], int(mesh.nvertices), mesh.t.shape[1]
-        inside = (p - 1) * (p - 2) // 2
-        self.nodes = vertices + (p - 1) * facets + inside * triangles
-        self.size: int = 3 * self.nodes + p * facets
-        # Edges run from the vertex of smaller to that of larger number, whatever the triangle says.
-        ends = np.array([mesh.t[[a, b]] for a, b in EDGES])  # (3, 2, T)
-        self.backward: Any = (ends[:, 0] > ends[:, 1]).T  # (T, 3)
-        columns = [mesh.t.T]
-        for edge in range(3):
-            steps = np.broadcast_to(np.arange(p - 1), (triangles, p - 1))
-            steps = np.where(self.backward[:, edge, None], p - 2 - steps, steps)
-            columns.append(vertices + (p - 1) * mesh.t2f[edge][:, None] + steps)
-        first = vertices + (p - 1) * facets
-        columns.append(first + np.arange(inside * triangles).reshape(triangles, inside))
-        self.scalar: Index = np.ascontiguousarray(np.hstack(columns), dtype=np.int64)
+        self.backward = edge_senses(mesh)
+        self.nodes, self.scalar = number_nodes(mesh, p)
+        self.size: int = 3 * self.nodes + p * mesh.facets.shape[1]
         slopes = 3 * self.nodes + p * mesh.t2f.T[:, :, None] + np.arange(p)
-        self.slopes: Index = slopes.reshape(triangles, 3 * p)
+        self.slopes: Index = slopes.reshape(len(slopes), 3 * p)
         self.local: Index = np.hstack(
             [self.scalar, self.scalar + self.nodes, self.scalar + 2 * self.nodes, self.slopes]
         )
@@ -186,12 +205,7 @@ class PlateSpace:
         p, facets = self.degree, select_edges(self.mesh, edges)
         held: dict[str, Index] = {}
         for what, chosen in facets.items():
-            nodes = np.unique(
-                np.concatenate(
-                    [self.mesh.facets[:, chosen].ravel(),
-                     (self.mesh.nvertices + (p - 1) * chosen[:, None] + np.arange(p - 1)).ravel()]
-                )
-            )  # fmt: skip
+            nodes = nodes_on(self.mesh, p, chosen)
             if what == "slope":
                 held[what] = (3 * self.nodes + p * chosen[:, None] + np.arange(p)).ravel()
             elif what == "deflection":

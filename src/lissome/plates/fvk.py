@@ -28,32 +28,21 @@ from ..errors import InvalidInput
 from ..factorization import SparseKKT
 from ..structure import BaseStructure, Evaluation
 from ._fvk_fields import Field, scalar_field, tensor_field
+from ._fvk_mixed import MixedPlate, projected_bending
 from ._fvk_space import EDGE_KINDS, PlateSpace
+from ._fvk_state import PlateState, check_moduli
 from ._fvk_tables import lagrange, triangle_rule
 
-__all__ = ["EDGE_KINDS", "Plate", "PlateEquilibrium", "PlateState"]
+__all__ = [
+    "EDGE_KINDS",
+    "MixedPlate",
+    "Plate",
+    "PlateEquilibrium",
+    "PlateState",
+    "projected_bending",
+]
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class PlateState:
-    """Unknowns of a plate: displacements at the nodes, deflections, slopes of the edges.
-
-    Parameters
-    ----------
-    x : array_like, shape (size,)
-        The vector that the plate's methods take apart. Copied, and made read-only.
-    """
-
-    x: Array
-
-    def __post_init__(self) -> None:
-        x = np.array(self.x, dtype=float)
-        if x.ndim != 1:
-            raise InvalidInput(f"argument `x` has shape {x.shape}; it must be a vector")
-        x.flags.writeable = False
-        object.__setattr__(self, "x", x)
 
 
 @dataclass(frozen=True)
@@ -128,17 +117,6 @@ class _Bending:
         density = xx * xx + yy * yy + 2 * nu * xx * yy + 2 * (1 - nu) * xy * xy
         own = 0.5 * float(np.sum(points.weights * self.stiffness / (1 - nu**2) * density))
         return force, own, tests
-
-
-def check_moduli(name: str, modulus: Array, poisson: Array) -> None:
-    """Raise if a modulus is not positive somewhere, or Poisson's ratio impossible."""
-    if not np.all(modulus > 0):
-        raise InvalidInput(
-            f"argument `{name}` is {float(np.min(modulus)):.4g} somewhere; a modulus is positive"
-        )
-    if not np.all((poisson > -1) & (poisson <= 0.5)):
-        worst = poisson[(poisson <= -1) | (poisson > 0.5)].ravel()[0]
-        raise InvalidInput(f"argument `poisson` is {worst:.4g} somewhere; it must lie in (-1, 1/2]")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -359,7 +337,7 @@ class Plate(BaseStructure):
         force = np.zeros(space.size)
         data = bending.data.copy() if order == 2 else np.empty(0)
         stretching = membrane(
-            order, space.local, place, m["gradients"], m["weights"], m["stretching"],
+            order, space.local, place, m["gradients"], m["gradients"], m["weights"], m["stretching"],
             m["poisson"], self._strain, x, force, data,
         )  # fmt: skip
         free = x[space.free]
@@ -558,7 +536,7 @@ class Plate(BaseStructure):
 
         space, m, x = self.space, self._membrane, self._vector(state)
         stretching = membrane(
-            0, space.local, space.pattern[2], m["gradients"], m["weights"], m["stretching"],
+            0, space.local, space.pattern[2], m["gradients"], m["gradients"], m["weights"], m["stretching"],
             m["poisson"], self._strain, x, np.zeros(0), np.empty(0),
         )  # fmt: skip
         load = -float(self._load @ x)

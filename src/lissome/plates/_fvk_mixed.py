@@ -1,0 +1,548 @@
+r"""The mixed scheme with a field of slopes, a multiplier and a penalty.
+
+Continuous fields w and :math:`\xi` with the constraint :math:`\xi = \nabla w`, whose multiplier
+:math:`\lambda` is continuous too:
+
+.. math:: L = \int_\Omega C\,W(\epsilon - \epsilon_m) + B\,W(\nabla\xi - \kappa_m)
+    + \lambda \cdot (\xi - \nabla w) + \frac{\mu}{2} |\xi - \nabla w|^2 - q w .
+
+The multiplier space can express the constraint only as :math:`\xi = P \nabla w`, with the L2 projection
+P. Deflections that P does not see cost no bending: they are held by the penalty alone. If the strain
+holds :math:`\nabla w` they relax stresses for nothing (the literal form); with :math:`\xi` in its place
+w enters linearly, and they stay at rest (the robust form).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg, sparse
+
+from .._validate import one_of, positive
+from ..errors import InvalidInput
+from ..factorization import SparseKKT
+from ..structure import BaseStructure, Evaluation
+from ._fvk_fields import scalar_field, tensor_field
+from ._fvk_space import (
+    Geometry,
+    edge_senses,
+    nodes_on,
+    number_nodes,
+    select_edges,
+    sparse_pattern,
+)
+from ._fvk_state import PlateState, check_moduli
+from ._fvk_tables import lagrange, triangle_rule
+
+__all__ = ["MixedPlate", "projected_bending"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+#: Penalties, in units of the bending modulus over the squared extent, at which the robust form works.
+WORKING_PENALTY = (1e-1, 1e3)
+
+
+class _MixedSpace:
+    """Unknowns of the mixed scheme: (u_x, u_y, w, xi_x, xi_y), and as many multipliers as xi."""
+
+    def __init__(self, mesh: Any, orders: Any, edges: Any) -> None:
+        try:
+            first, second = (int(order) for order in orders)
+        except (TypeError, ValueError):
+            first = second = 0
+        if (first, second) not in ((2, 1), (2, 2)):
+            raise InvalidInput(
+                f"argument `orders` is {orders!r}; it must be (2, 1), degree 2 for u and 1 for the "
+                "others, or (2, 2)"
+            )
+        self.mesh, self.orders = mesh, (first, second)
+        self.geometry = Geometry(mesh)
+        edge_senses(mesh)
+        self.outer, self.inner = lagrange(first), lagrange(second)
+        self.outer_nodes, self.outer_local = number_nodes(mesh, first)
+        self.inner_nodes, self.inner_local = number_nodes(mesh, second)
+        n, k = self.outer_nodes, self.inner_nodes
+        self.size = 2 * n + 3 * k
+        facets = select_edges(mesh, edges)
+        if len(np.setdiff1d(facets["slope"], facets["deflection"])):
+            raise InvalidInput(
+                "argument `edges` holds a slope but not the deflection; the mixed scheme holds both "
+                "or none"
+            )
+        fixed = np.zeros(self.size, dtype=bool)
+        held = {what: nodes_on(mesh, first if what == "displacement" else second, chosen)
+                for what, chosen in facets.items()}  # fmt: skip
+        fixed[held["displacement"]] = fixed[n + held["displacement"]] = True
+        fixed[2 * n + held["deflection"]] = True
+        slopes = held["slope"]
+        fixed[2 * n + k + slopes] = fixed[2 * n + 2 * k + slopes] = True
+        self.fixed = fixed
+        self.free: Index = np.flatnonzero(~fixed)
+        # Where xi is held it needs no multiplier.
+        loose = np.ones(k, dtype=bool)
+        loose[slopes] = False
+        self.loose: Index = np.flatnonzero(np.concatenate([loose, loose]))
+        positions = np.empty((n, 2))
+        positions[self.outer_local] = self.geometry.positions(self.outer.nodes)
+        self.positions = positions
+        inner = np.empty((k, 2))
+        inner[self.inner_local] = self.geometry.positions(self.inner.nodes)
+        self.inner_positions = inner
+        self.extent = float(np.max(np.ptp(positions, axis=0)))
+
+
+def _scatter(rows: Index, columns: Index, local: Array, shape: tuple[int, int]) -> Any:
+    """Assemble local matrices (T, a, b) into a sparse matrix."""
+    a = np.broadcast_to(rows[:, :, None], local.shape)
+    b = np.broadcast_to(columns[:, None, :], local.shape)
+    return sparse.coo_matrix((local.ravel(), (a.ravel(), b.ravel())), shape=shape).tocsr()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MixedPlate(BaseStructure):
+    r"""A Foeppl-von Karman plate by the thesis's augmented Lagrangian (section 5.4).
+
+    Parameters
+    ----------
+    mesh, bending, poisson, stretching, strain, curvature, pressure, edges
+        As for :class:`~lissome.plates.fvk.Plate`. A slope is held only together with the deflection.
+    penalty : float
+        :math:`\mu L^2/B`, with the extent L of the mesh and the largest B. The robust form works from
+        0.1 to 1000: below, the projected slopes leave deflections unheld, and above, the elements lock.
+    form : {"robust", "literal"}
+        ``"robust"``: the strain holds :math:`\xi`. ``"literal"``: it holds :math:`\nabla w`, as printed;
+        for study, with any penalty: it has spurious equilibria.
+    orders : (int, int)
+        Degree of u, and of w, xi and lambda: (2, 1) as printed, or (2, 2).
+
+    Notes
+    -----
+    A tilt of a free plate changes the energy of the robust form by the error of the discretization;
+    the mean of the slopes is therefore held at zero by two more constraints where tilts are allowed.
+
+    Raises
+    ------
+    InvalidInput
+        As :class:`~lissome.plates.fvk.Plate`, and for a penalty outside of the working range.
+    """
+
+    mesh: Any = field(repr=False)
+    bending: float | Callable[..., Any]
+    poisson: float | Callable[..., Any]
+    stretching: float | Callable[..., Any] = 1.0
+    strain: Any = None
+    curvature: Any = None
+    pressure: float | Callable[..., Any] = 0.0
+    edges: Any = "free"
+    penalty: float = 10.0
+    form: str = "robust"
+    orders: tuple[int, int] = (2, 1)
+    _shared: dict[str, Any] = field(default_factory=dict, repr=False)
+    _strain: Array = field(init=False, repr=False)
+    _force: Array = field(init=False, repr=False)
+    _own: float = field(init=False, repr=False)
+    _slope: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        one_of("form", self.form, ("robust", "literal"))
+        positive("penalty", self.penalty)
+        low, high = WORKING_PENALTY
+        if self.form == "robust" and not low <= self.penalty <= high:
+            why = (
+                "deflections that the projected slopes do not see are not held"
+                if self.penalty < low
+                else "the elements lock, and Newton's method fails"
+            )
+            raise InvalidInput(
+                f"argument `penalty` is {self.penalty:.4g}; the robust form works in [{low}, {high}]: "
+                f"at this value {why}"
+            )
+        space, m = self._space, self._material
+        natural = tensor_field("curvature", self.curvature)(m["x"])
+        strain = tensor_field("strain", self.strain)(m["x"])
+        pressure = scalar_field("pressure", self.pressure)(m["x"])
+        nu, b, weights = m["poisson"], m["bending"], m["weights"]
+        xx, yy, xy = natural[..., 0], natural[..., 1], natural[..., 2]
+        scale = weights * b / (1 - nu**2)
+        own = 0.5 * scale * (xx**2 + yy**2 + 2 * nu * xx * yy + 2 * (1 - nu) * xy**2)
+        moments = np.stack(
+            [scale * (xx + nu * yy), scale * (1 - nu) * xy, scale * (yy + nu * xx)], axis=-1
+        )
+        n, k = space.outer_nodes, space.inner_nodes
+        force = np.zeros(space.size)
+        gradient = m["inner_gradients"]
+        for row, parts in ((0, (0, 1)), (1, (1, 2))):
+            pull = np.einsum("tqix,tqx->ti", gradient, moments[..., parts])
+            np.add.at(force, 2 * n + (1 + row) * k + space.inner_local, pull)
+        work = np.einsum("tq,tq,qi->ti", weights, pressure, m["inner_values"])
+        load = np.zeros(space.size)
+        np.add.at(load, 2 * n + space.inner_local, work)
+        object.__setattr__(self, "_strain", strain)
+        object.__setattr__(self, "_force", force + load)
+        object.__setattr__(self, "_own", float(np.sum(own)))
+        slopes = [float(np.sqrt(np.max(b / m["stretching"]))) / space.extent]
+        slopes.append(float(np.sqrt(np.max(np.abs(strain)))))
+        slopes.append(float(np.max(np.abs(natural))) * space.extent)
+        object.__setattr__(self, "_slope", max(slopes))
+        exact, tilts = self._neutral
+        rows = [self._motion(row, np.zeros(space.size)) for row in (*exact, *tilts)]
+        if any(abs(row @ load) > 1e-9 * np.sum(np.abs(load)) for row in rows):
+            raise InvalidInput(
+                "argument `pressure` moves the plate as a whole: its `edges` do not hold it, and the "
+                "load does not balance; hold an edge, or balance the load"
+            )
+
+    @cached_property
+    def _space(self) -> _MixedSpace:
+        if "space" not in self._shared:
+            self._shared["space"] = _MixedSpace(self.mesh, self.orders, self.edges)
+        return self._shared["space"]
+
+    @property
+    def _material(self) -> dict[str, Any]:
+        """Everything that does not depend on spontaneous strain and curvature, nor on the load."""
+        if "material" in self._shared:
+            return self._shared["material"]
+        space = self._space
+        points, weights = triangle_rule(4)
+        geometry = space.geometry.at(points, weights)
+        stretching = scalar_field("stretching", self.stretching)(geometry.x)
+        bending = scalar_field("bending", self.bending)(geometry.x)
+        poisson = scalar_field("poisson", self.poisson)(geometry.x)
+        check_moduli("stretching", stretching, poisson)
+        check_moduli("bending", bending, poisson)
+        values = space.inner.values(points)
+        inverse = geometry.inverse
+        outer = np.einsum("qnr,tqrx->tqnx", space.outer.gradients(points), inverse)
+        inner = np.einsum("qnr,tqrx->tqnx", space.inner.gradients(points), inverse)
+        triangles, n1 = len(outer), values.shape[1]
+        n, k = space.outer_nodes, space.inner_nodes
+        outer_local, inner_local = space.outer_local, space.inner_local
+        displacement = [outer_local, outer_local + n]
+        w, slopes = inner_local + 2 * n, np.hstack([inner_local + 2 * n + i * k for i in (1, 2)])
+        if self.form == "robust":
+            tilts = np.zeros((triangles, len(points), 2 * n1, 2))
+            tilts[..., :n1, 0] = tilts[..., n1:, 1] = values
+            local = np.hstack([*displacement, slopes, w])
+        else:
+            tilts = inner
+            local = np.hstack([*displacement, w, slopes])
+        # Bending: W of the full gradient of xi, as printed; entries (xi_a, d_b) with (xi_c, d_d).
+        d = geometry.weights * bending / (1 - poisson**2)
+        tensor = np.zeros((2, 2, 2, 2, *d.shape))
+        for a in range(2):
+            for b in range(2):
+                tensor[a, b, a, b] += d * (1 - poisson)
+                tensor[a, a, b, b] += d * poisson
+        local_bending = np.einsum(
+            "tqib,abcdtq,tqjd->taicj", inner, tensor, inner, optimize=True
+        ).reshape(triangles, 2 * n1, 2 * n1)
+        mu = self.penalty * float(np.max(bending)) / space.extent**2
+        mass = np.einsum("tq,qi,qj->tij", geometry.weights, values, values)
+        cross = np.einsum("tq,qi,tqjx->txij", geometry.weights, values, inner)  # xi_i, d_x w_j
+        stiff = np.einsum("tq,tqix,tqjx->tij", geometry.weights, inner, inner, optimize=True)
+        block = np.zeros((triangles, 3 * n1, 3 * n1))  # w, xi_x, xi_y
+        block[:, n1:, n1:] = local_bending
+        block[:, :n1, :n1] = mu * stiff
+        for a in range(2):
+            part = slice((1 + a) * n1, (2 + a) * n1)
+            block[:, part, part] += mu * mass
+            block[:, part, :n1] -= mu * cross[:, a]
+            block[:, :n1, part] -= mu * cross[:, a].transpose(0, 2, 1)
+        where = np.hstack([w, slopes])
+        quadratic = _scatter(where, where, block, (space.size, space.size))
+        rows = [
+            _scatter(inner_local, slopes[:, a * n1 : (a + 1) * n1], mass, (k, space.size))
+            - _scatter(inner_local, w, cross[:, a], (k, space.size))
+            for a in range(2)
+        ]
+        constraints = sparse.vstack(rows).tocsr()[space.loose]
+        place = np.full(space.size, -1, dtype=np.int64)
+        place[space.free] = np.arange(len(space.free))
+        indptr, indices, places = sparse_pattern(place[local], len(space.free))
+        pattern = sparse.csc_matrix(
+            (np.ones(len(indices)), indices, indptr), shape=(len(space.free),) * 2
+        )
+        # The quadratic part on the pattern of the whole.
+        free = quadratic[space.free][:, space.free].tocoo()
+        keys = np.repeat(np.arange(len(space.free)), np.diff(indptr)) * len(space.free) + indices
+        data = np.zeros(len(indices))
+        np.add.at(data, np.searchsorted(keys, free.col * len(space.free) + free.row), free.data)
+        del pattern
+        nodal = np.zeros(n)
+        squares = np.einsum("tq,qi->ti", geometry.weights, space.outer.values(points) ** 2)
+        np.add.at(nodal, outer_local, squares)
+        other = np.zeros(k)
+        np.add.at(other, inner_local, np.einsum("tq,qi->ti", geometry.weights, values**2))
+        small = float(np.sum(geometry.weights)) / triangles
+        self._shared["material"] = {
+            "x": geometry.x, "weights": np.ascontiguousarray(geometry.weights),
+            "gradients": np.ascontiguousarray(outer), "tilts": np.ascontiguousarray(tilts),
+            "inner_gradients": inner, "inner_values": values,
+            "stretching": stretching, "bending": bending, "poisson": poisson, "local": local,
+            "pattern": (indptr, indices, places), "data": data, "quadratic": quadratic,
+            "constraints": constraints, "lumped": np.asarray(
+                constraints[:, 2 * n + k :].sum(axis=1)).ravel(),
+            "mass": np.concatenate([nodal, nodal, other, small * other, small * other]),
+            "stiff": _scatter(inner_local, inner_local, stiff, (k, k)),
+            "bend": _scatter(
+                slopes - 2 * n - k, slopes - 2 * n - k, local_bending, (2 * k, 2 * k)),
+        }  # fmt: skip
+        return self._shared["material"]
+
+    def with_(self, **changes: Any) -> MixedPlate:
+        """Return a plate with other arguments; what they do not touch is not computed again."""
+        known = {f.name for f in fields(self) if f.init and not f.name.startswith("_")}
+        unknown = set(changes) - known
+        if unknown:
+            raise InvalidInput(f"unknown arguments {sorted(unknown)}; known are {sorted(known)}")
+        kept = {"strain", "curvature", "pressure"}
+        shared = dict(self._shared) if set(changes) <= kept else {}
+        return replace(self, _shared=shared, **changes)
+
+    # -- rigid motions ----------------------------------------------------------------------------
+
+    def _motion(self, weights: Array, x: Array) -> Array:
+        """Return a combination of u_x, u_y, rotation, w, tilt by x, tilt by y, at a state."""
+        space = self._space
+        n, k, scale = space.outer_nodes, space.inner_nodes, space.extent
+        center = space.positions.mean(axis=0)
+        place, inner = (space.positions - center) / scale, (space.inner_positions - center) / scale
+        out = np.zeros(space.size)
+        out[:n] = weights[0] - weights[2] * place[:, 1]
+        out[n : 2 * n] = weights[1] + weights[2] * place[:, 0]
+        out[2 * n : 2 * n + k] = weights[3] + inner @ weights[4:]
+        out[2 * n + k : 2 * n + 2 * k] = weights[4] / scale
+        out[2 * n + 2 * k :] = weights[5] / scale
+        if np.any(weights[4:]) and np.any(x):
+            w = np.zeros(n)
+            local = space.inner.values(space.outer.nodes) @ x[2 * n + space.inner_local].T
+            w[space.outer_local] = local.T
+            w -= w.mean()
+            out[:n] -= weights[4] * w / scale
+            out[n : 2 * n] -= weights[5] * w / scale
+        return out
+
+    @cached_property
+    def _neutral(self) -> tuple[Array, Array]:
+        """Return combinations of rigid motions that are exact, and those with a tilt."""
+        space = self._space
+        rows = np.array([self._motion(unit, np.zeros(space.size)) for unit in np.eye(6)])
+        held = rows[:, space.fixed]
+        allowed = np.eye(6)
+        if held.size:
+            u, values, _ = np.linalg.svd(held, full_matrices=True)
+            rank = int(np.count_nonzero(values > 1e-9 * np.sqrt(held.shape[1])))
+            allowed = u[:, rank:].T
+        # Turn the combinations so that as few as possible have a tilt.
+        u, values, _ = np.linalg.svd(allowed[:, 4:], full_matrices=True)
+        rank = int(np.count_nonzero(values > 1e-9))
+        turned = u.T @ allowed
+        if self.form == "literal":
+            return turned, np.zeros((0, 6))
+        return turned[rank:], turned[:rank]
+
+    # -- the structure ------------------------------------------------------------------------------
+
+    @property
+    def size(self) -> int:
+        """Number of free unknowns u, w and xi."""
+        return len(self._space.free)
+
+    @property
+    def constraints_count(self) -> int:
+        """Number of multipliers."""
+        return self._jacobian.shape[0]
+
+    @cached_property
+    def _jacobian(self) -> Any:
+        space, m = self._space, self._material
+        jacobian = m["constraints"][:, space.free]
+        _, tilts = self._neutral
+        if len(tilts):
+            n = space.outer_nodes
+            means = []
+            for row in tilts:
+                slopes = np.zeros(space.size)
+                motion = self._motion(row, np.zeros(space.size))
+                slopes[2 * n + space.inner_nodes :] = motion[2 * n + space.inner_nodes :]
+                # Mean over the area: the mass matrix times a constant field.
+                means.append(slopes * m["mass"])
+            rows = sparse.csr_matrix(np.array(means)[:, space.free])
+            jacobian = sparse.vstack([jacobian, rows]).tocsr()
+        return jacobian
+
+    def start(self) -> PlateState:
+        """Return the flat plate."""
+        return PlateState(np.zeros(self._space.size))
+
+    def adopt(self, state: PlateState) -> PlateState:
+        """Return `state` with what the supports hold set to zero."""
+        x = self._vector(state).copy()
+        x[self._space.fixed] = 0.0
+        return PlateState(x)
+
+    def retract(self, state: PlateState, dx: Array) -> PlateState:
+        """Return the state reached by the increment `dx` of the free unknowns."""
+        x = state.x.copy()
+        x[self._space.free] += dx
+        return PlateState(x)
+
+    def difference(self, a: PlateState, b: PlateState) -> Array:
+        """Return the increment of the free unknowns from `a` to `b`."""
+        return (b.x - a.x)[self._space.free]
+
+    def _vector(self, state: PlateState) -> Array:
+        if state.x.shape != (self._space.size,):
+            raise InvalidInput(
+                f"the state has {state.x.size} unknowns; this plate has {self._space.size}: it "
+                "belongs to another mesh or scheme"
+            )
+        return state.x
+
+    def evaluate(self, state: PlateState, multipliers: Array, order: int = 2) -> Evaluation:
+        """Return energy (with the penalty), constraints, gradient and KKT matrix."""
+        from ._fvk_kernel import membrane
+
+        space, m = self._space, self._material
+        x = self._vector(state)
+        indptr, indices, places = m["pattern"]
+        force = np.zeros(space.size)
+        data = m["data"].copy() if order == 2 else np.empty(0)
+        energy = membrane(
+            order, m["local"], places, m["gradients"], m["tilts"], m["weights"], m["stretching"],
+            m["poisson"], self._strain, x, force, data,
+        )  # fmt: skip
+        moment = m["quadratic"] @ x
+        energy += 0.5 * float(x @ moment) - float(self._force @ x) + self._own
+        jacobian = self._jacobian
+        constraints = jacobian @ x[space.free]
+        if order == 0:
+            return Evaluation(energy, constraints)
+        gradient = (force + moment - self._force)[space.free] + jacobian.T @ multipliers
+        if order == 1:
+            return Evaluation(energy, constraints, gradient)
+        n = len(space.free)
+        hessian = sparse.csc_matrix((data, indices, indptr), shape=(n, n))
+        return Evaluation(energy, constraints, gradient, SparseKKT(hessian, jacobian))
+
+    def metric(self, state: PlateState) -> Array:
+        """Return areas of the nodes; for slopes, times the mean area of a triangle."""
+        return self._material["mass"][self._space.free]
+
+    def typical(self, state: PlateState) -> Array:
+        """Return sizes that fit the thickness, the spontaneous strain and the curvature."""
+        space, s = self._space, self._slope
+        n, k = space.outer_nodes, space.inner_nodes
+        sizes = np.concatenate(
+            [np.full(2 * n, s**2 * space.extent), np.full(k, s * space.extent), np.full(2 * k, s)]
+        )
+        return sizes[space.free]
+
+    def gauge(self, state: PlateState) -> Array:
+        """Return the rigid motions that change nothing, exactly."""
+        exact, _ = self._neutral
+        x = self._vector(state)
+        rows = np.array([self._motion(row, x) for row in exact]).reshape(len(exact), -1)
+        return rows[:, self._space.free]
+
+    # -- what a state means -------------------------------------------------------------------------
+
+    def interpolate(
+        self,
+        deflection: Callable[[Array, Array], ArrayLike] | None = None,
+        displacement: Callable[[Array, Array], ArrayLike] | None = None,
+    ) -> PlateState:
+        """Return the state that interpolates functions of x, y; slopes are projected."""
+        space = self._space
+        n, k = space.outer_nodes, space.inner_nodes
+        out = np.zeros(space.size)
+        if displacement is not None:
+            u = np.broadcast_to(np.asarray(displacement(*space.positions.T), dtype=float), (n, 2))
+            out[:n], out[n : 2 * n] = u[:, 0], u[:, 1]
+        if deflection is not None:
+            w = np.asarray(deflection(*space.inner_positions.T), dtype=float)
+            out[2 * n : 2 * n + k] = w
+            out[2 * n + k :] = self._projected(out[2 * n : 2 * n + k])
+        if not np.all(np.isfinite(out)):
+            raise InvalidInput("the functions to interpolate are not finite at every node")
+        return PlateState(out)
+
+    def _projected(self, w: Array) -> Array:
+        """Return the slopes that satisfy the constraint for nodal deflections."""
+        space = self._space
+        n, k = space.outer_nodes, space.inner_nodes
+        constraints = self._material["constraints"]
+        loose = 2 * n + k + space.loose
+        out = np.zeros(2 * k)
+        right = -(constraints[:, 2 * n : 2 * n + k] @ w)
+        out[space.loose] = sparse.linalg.spsolve(constraints[:, loose].tocsc(), right)
+        return out
+
+    def deflection(self, state: PlateState) -> Array:
+        """Return w at the vertices of the mesh, shape (vertices,)."""
+        n = self._space.outer_nodes
+        return self._vector(state)[2 * n : 2 * n + self.mesh.nvertices].copy()
+
+    def displacement(self, state: PlateState) -> Array:
+        """Return u at the vertices of the mesh, shape (vertices, 2)."""
+        n, x = self._space.outer_nodes, self._vector(state)
+        return np.stack([x[: self.mesh.nvertices], x[n : n + self.mesh.nvertices]], axis=1)
+
+
+def projected_bending(plate: MixedPlate, count: int = 8) -> tuple[Array, Array]:
+    r"""Return the softest deflections on the kernel of the constraint: the inf-sup test.
+
+    On the kernel, :math:`\xi = P\nabla w`, the eigenvalues are those of
+
+    .. math:: \int B\,W''(\nabla P \nabla w) = \sigma \frac{B}{L^2} \int |\nabla w|^2 .
+
+    A stable scheme has as many zeros as there are rigid motions of the deflection and then eigenvalues
+    that stay away from zero as the mesh is refined. Each further zero is a deflection that costs no
+    bending: only the penalty holds it.
+
+    Parameters
+    ----------
+    plate : MixedPlate
+        Its mesh, orders, edges and bending count; the penalty does not.
+    count : int
+        How many eigenvalues.
+
+    Returns
+    -------
+    values : ndarray, shape (count,)
+        Dimensionless, ascending; one constant deflection, which has no gradient, is left out where
+        the edges allow it.
+    modes : ndarray, shape (count, nodes of w)
+        Deflections at all nodes.
+    """
+    space, m = plate._space, plate._material
+    n, k = space.outer_nodes, space.inner_nodes
+    if k > 3000:
+        raise InvalidInput(
+            f"argument `plate` has {k} nodes of w; the test is dense: take a mesh with up to 3000"
+        )
+    held = space.fixed[2 * n : 2 * n + k]
+    free = np.flatnonzero(~held)
+    constraints = m["constraints"]
+    loose = 2 * n + k + space.loose
+    slopes = np.zeros((2 * k, len(free)))
+    right = -constraints[:, 2 * n + free].toarray()
+    slopes[space.loose] = sparse.linalg.splu(constraints[:, loose].tocsc()).solve(right)
+    bending = slopes.T @ (m["bend"] @ slopes)
+    gradient = m["stiff"][free][:, free].toarray()
+    basis = np.eye(len(free))
+    if len(free) == k:  # without the constant
+        basis = linalg.null_space(np.ones((1, k)))
+    a, b = basis.T @ bending @ basis, basis.T @ gradient @ basis
+    count = min(count, len(a))
+    values, vectors = linalg.eigh(0.5 * (a + a.T), 0.5 * (b + b.T), subset_by_index=[0, count - 1])
+    modes = np.zeros((count, k))
+    modes[:, free] = (basis @ vectors).T
+    return values * space.extent**2 / float(np.max(m["bending"])), modes
