@@ -10,7 +10,11 @@ from lissome.references import folding, ring
 from lissome.references.ring import RingSection
 
 SLINKY = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
-OTHERS = [RingSection(5.0, 1.0, 2.0), RingSection(4.0, 1.5, 0.5)]
+OTHERS = [
+    RingSection(5.0, 1.0, 2.0),
+    RingSection(4.0, 1.5, 0.5),
+    RingSection(20.0, 1.0, 10.0),
+]
 
 
 def _middle(section, part):
