@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import root
 
-from lissome.errors import InvalidInput
+from lissome.errors import InvalidInput, NotConverged
 from lissome.references import folding, ring
 from lissome.references.ring import RingSection
 
@@ -250,3 +250,9 @@ def test_bad_input():
         folding.even_fold(SLINKY, 2.0, 0.0)
     with pytest.raises(InvalidInput, match="overcurvature"):
         folding.even_fold(RingSection(2.0, 1.0, 1.0), 2.9, 0.0)
+
+
+def test_a_tolerance_below_rounding_is_refused():
+    with pytest.raises(NotConverged, match="256 coefficients") as caught:
+        folding.folded_ring(SLINKY, 1.5, tolerance=1e-25)
+    assert caught.value.state.shape == (3, 256)
