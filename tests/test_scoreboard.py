@@ -118,6 +118,14 @@ WINDOW = {
     "frequencies": [0.1, 0.2, 0.3],
     "angle": 65,
 }
+SIGNS = {
+    "ratios": [7.0, 1.2],
+    "changes_down": [1, 1],
+    "changes_up": [0, 0],
+    "strain_monotone": [True, True],
+    "strain_apart": [0.1, 0.3],
+    "limit_mismatch": 1e-12,
+}
 SPEED = {
     "value": 1e-12,
     "angles": np.linspace(0.1, 1, 10),
@@ -290,6 +298,10 @@ CASES = [
         {"stretching_equal": False},
         FAILS,
     ),
+    ("laminate-sign-change", SIGNS, {"changes_up": [0, 2]}, OPEN),
+    ("laminate-sign-change", SIGNS, {"changes_down": [0, 2]}, FAILS),
+    ("laminate-sign-change", SIGNS, {"strain_monotone": [True, False]}, FAILS),
+    ("laminate-sign-change", SIGNS, {"limit_mismatch": 1e-3}, FAILS),
     (
         "jump-height",
         {"value": 0.199, "modulus": 900.0, "printed_modulus": 1053.0},
