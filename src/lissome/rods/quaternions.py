@@ -5,7 +5,7 @@ the vector :math:`w` into :math:`q * w = q\\,w\\,\\bar q`; the product :math:`q_
 :math:`q_1` first. Both :math:`q` and :math:`-q` are the same rotation.
 
 The functions in ``__all__`` take arrays of any leading shape and check what they are given. The
-others (:func:`mul`, :func:`turn`, :func:`exp_of`, ...) are compiled, take tuples of floats and check
+others (``mul``, ``turn``, ``exp_of``, ...) are compiled, take tuples of floats and check
 nothing: they are the pieces of the kernels.
 """
 
