@@ -85,7 +85,7 @@ class Factorization(ABC):
         rhs_c : array_like, shape (m,) or (m, k), optional
             Right-hand sides of the constraints; zero by default.
         refine : bool
-            Whether to refine; inverse iterations need it not.
+            Whether to refine at once; inverse iterations need it only beside a singular matrix.
 
         Returns
         -------
@@ -121,6 +121,8 @@ class Factorization(ABC):
                 "are redundant"
             )
         dx, dm, left = self._refined(columns, second, 3 if refine else 0)
+        if not refine and left > 1e-7:  # beside a singular matrix
+            dx, dm, left = self._refined(columns, second, 3)
         if not left < math.inf:
             raise FactorizationError("the solution of the KKT system is not finite")
         if left > 1e-7:
