@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 LIMIT = 25
 #: Largest turn (radians) of a segment in one step.
 LARGEST = 1.5
+#: Newton steps up to this size (radians) need no look at the next one.
+SURE = 1e-6
 #: Newton steps up to this size (radians) lead to a stationary point nearby.
 NEAR = 0.3
 
@@ -39,13 +41,17 @@ def fast_correction(
     gauge = rod.gauge(state)
     here = rod.evaluate(state, multipliers, 2)
     penalty = np.zeros(multipliers.size)
-    shift, expected = 0.0, math.inf
+    shift, expected, last = 0.0, math.inf, math.inf
     for iteration in range(LIMIT):
         found = _factors(rod, state, here, gauge, shift)
         if found is None:
             return None
         factor, shift = found
         assert here.gradient is not None
+        if shift == 0.0 and last <= min(
+            SURE, 1e3 * tolerance
+        ):  # its square is far below any tolerance
+            return Corrected(state, multipliers, here, factor, iteration)
         if shift > 0.0 and iteration == 0 and _is_near_saddle(here, gauge):
             return None
         try:
@@ -86,6 +92,7 @@ def fast_correction(
             new = rod.evaluate(trial, multipliers + step * dm, 2)
         # Within this size the next step of Newton's method is taken for granted.
         expected = 0.1 * size if shift == 0.0 and step == 1.0 and size < 0.3 else 0.0
+        last = size if shift == 0.0 and step == 1.0 else math.inf
         state, multipliers, here = trial, multipliers + step * dm, new
         if gauge.shape[0]:
             gauge = rod.gauge(state)

@@ -110,7 +110,7 @@ class RodEquilibrium(Equilibrium):
     @cached_property
     def _law_values(self) -> tuple[Array, Array]:
         layout = self.structure.layout
-        energy, stress, _ = layout.law.evaluate(self.strains - layout.natural, 1)
+        energy, stress, _ = layout.law.evaluate(self.strains - layout.plan.natural, 1)
         return np.asarray(energy), np.array(stress)
 
     @property

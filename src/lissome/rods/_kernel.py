@@ -65,6 +65,14 @@ class Plan(NamedTuple):
         Unknown of the stretch of each segment, or -1.
     arms : ndarray (c, 7)
         Couples: number of a segment, force (spatial), arm (body).
+    natural : ndarray (n, 3)
+        Natural strain densities of the hinges.
+    dead : ndarray (N, 3)
+        For each segment the dead forces beyond it, or minus those before it.
+    targets : ndarray (m,)
+        What the sums of the constraints must be.
+    moments : ndarray (h,)
+        Dead moments on the hinged supports.
     length : int
         Number of columns of the band.
     first_angle : int
@@ -86,6 +94,10 @@ class Plan(NamedTuple):
     normal: np.ndarray
     stretch_column: np.ndarray
     arms: np.ndarray
+    natural: np.ndarray
+    dead: np.ndarray
+    targets: np.ndarray
+    moments: np.ndarray
     length: int
     first_angle: int
     stiffness: float
@@ -110,6 +122,15 @@ def hinge_rotations(frames, plan, q, kappa):
         kappa[i, 0] = 2.0 * sign * x  # (4.16)
         kappa[i, 1] = 2.0 * sign * y
         kappa[i, 2] = 2.0 * sign * z
+
+
+@jit
+def excess_densities(plan, strain, density):
+    """Write strain densities, without the natural ones, of integrated strains (n, 3)."""
+    for i in range(plan.span.size):
+        share = 1.0 / plan.span[i]
+        for k in range(3):
+            density[i, k] = share * strain[i, k] - plan.natural[i, k]
 
 
 @jit
@@ -161,56 +182,53 @@ def _add_pair(band, border, corner, plan, a, b, block):
 
 @jit
 def assemble(
-    frames,
-    stretches,
-    q,
-    stress,
-    stiffness,
-    plan,
-    forces,
-    gradient,
-    band,
-    border,
-    corner,
-    sums,
-    order,
-):
-    r"""Add up everything but the energy of the hinges.
+    frames, stretches, angles, q, values, stress, stiffness, plan, multipliers, gradient, band,
+    border, corner, constraints, order,
+):  # fmt: skip
+    r"""Add up energy, constraints and their derivatives.
 
     Parameters
     ----------
     frames : ndarray (K, 4)
     stretches : ndarray (N,)
+    angles : ndarray (h,)
     q : ndarray (n, 4)
         From `hinge_rotations`.
+    values : ndarray (n,)
+        Energy of the hinges per unit length.
     stress : ndarray (n, 3)
-        Derivative of the energy of each hinge with respect to kappa, (n, 3).
+        Derivative of the energy of the hinges with respect to kappa (order >= 1).
     stiffness : ndarray (n, 3, 3)
-        Second derivative.
+        Second derivative times the length of the hinge (order 2).
     plan : Plan
-    forces : ndarray (2, N, 3)
-        What stands beside :math:`\ell_j e_j t_j` in the Lagrangian with the opposite sign: dead loads
-        alone, and with the multipliers of the constraints.
+    multipliers : ndarray (m,)
     gradient : ndarray (length + b,)
-        Of the Lagrangian. Overwritten.
+        Of the Lagrangian. Overwritten if order >= 1.
     band, border, corner : ndarray (length, w + 1), (length, b), (b, b)
         Of the KKT matrix. Overwritten if order is 2.
-    sums : ndarray (m,)
-        Values of the sums of the constraints. Overwritten.
+    constraints : ndarray (m,)
+        Overwritten.
     order : int
 
     Returns
     -------
     energy : float
-        Of stretching, of dead forces and couples.
+        Without the potential of all dead forces at the origin of the rod.
     """
     length = plan.length
     n = plan.lengths.size
     m = plan.rows.shape[0]
     first_row = length + border.shape[1] - m
+    sums = constraints
     energy = 0.0
+    for i in range(plan.span.size):
+        energy += plan.span[i] * values[i]
+    for i in range(plan.moments.size):
+        energy -= plan.moments[i] * angles[i]
     if order >= 1:
         gradient[:] = 0.0
+        for i in range(plan.moments.size):
+            gradient[plan.first_angle + i] -= plan.moments[i]
     if order >= 2:
         band[:] = 0.0
         border[:] = 0.0
@@ -225,7 +243,7 @@ def assemble(
         d3 = (2.0 * (x * z + s * y), 2.0 * (y * z - s * x), 1.0 - 2.0 * (x * x + y * y))
         e = stretches[j]
         le = plan.lengths[j] * e
-        energy -= le * (forces[0, j, 0] * d3[0] + forces[0, j, 1] * d3[1] + forces[0, j, 2] * d3[2])
+        energy -= le * (plan.dead[j, 0] * d3[0] + plan.dead[j, 1] * d3[1] + plan.dead[j, 2] * d3[2])
         for r in range(m):
             if plan.rows[r, 1] <= j < plan.rows[r, 2]:
                 # Kahan's sum: the ends of a long chain are known to the round-off of one addition
@@ -241,9 +259,24 @@ def assemble(
         if order == 0:
             continue
         c = plan.column[j]
-        fx = forces[1, j, 0]
-        fy = forces[1, j, 1]
-        fz = forces[1, j, 2]
+        # The force in the segment: dead loads, and the multipliers of the constraints.
+        fx = plan.dead[j, 0]
+        fy = plan.dead[j, 1]
+        fz = plan.dead[j, 2]
+        for r in range(m):
+            if plan.rows[r, 1] <= j < plan.rows[r, 2]:
+                k = plan.rows[r, 0]
+                if k == 0:
+                    fx -= multipliers[r]
+                elif k == 1:
+                    fy -= multipliers[r]
+                elif k == 2:
+                    fz -= multipliers[r]
+                else:
+                    w = multipliers[r] * plan.phase[j]
+                    fx -= w * plan.normal[0]
+                    fy -= w * plan.normal[1]
+                    fz -= w * plan.normal[2]
         p1 = fx * d1[0] + fy * d1[1] + fz * d1[2]
         p2 = fx * d2[0] + fy * d2[1] + fz * d2[2]
         p3 = fx * d3[0] + fy * d3[1] + fz * d3[2]
@@ -306,6 +339,8 @@ def assemble(
     # ---- hinges
     if order >= 1:
         _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, order)
+    for r in range(m):
+        constraints[r] -= plan.targets[r]
     return energy
 
 
@@ -373,6 +408,7 @@ def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, orde
                     gradient[c + k] += g[side, k]
         if order < 2:
             continue
+        share = 1.0 / plan.span[i]
         cross[0, 0] = s
         cross[1, 1] = s
         cross[2, 2] = s
@@ -384,12 +420,12 @@ def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, orde
         cross[2, 1] = x
         for r in range(3):
             for k in range(3):
-                cx[r, k] = (
+                cx[r, k] = share * (
                     stiffness[i, r, 0] * cross[0, k]
                     + stiffness[i, r, 1] * cross[1, k]
                     + stiffness[i, r, 2] * cross[2, k]
                 )
-                cxt[r, k] = (
+                cxt[r, k] = share * (
                     stiffness[i, r, 0] * cross[k, 0]
                     + stiffness[i, r, 1] * cross[k, 1]
                     + stiffness[i, r, 2] * cross[k, 2]

@@ -111,16 +111,14 @@ class _Layout:
     plan: _kernel.Plan
     nodes: NDArray[np.int64]  # of the hinges
     arclength: Array  # of the hinges
-    natural: Array  # of the hinges
     law: Any
     fixed: Array  # frames of supports, (S, 4); hinged ones at the angle zero
     hinged: NDArray[np.int64]  # which of them turn
     turning_axes: Array  # their spatial axes
-    moments: Array
     anchors: tuple[tuple[int, float] | None, ...]  # by component: node and position
-    targets: Array  # of the sums of the constraints
     row_nodes: NDArray[np.int64]  # node of each constraint; -1 for closure
-    dead: Array  # (N, 3)
+    evaluate_into: Any  # of a compiled law
+    net_force: Array | None  # sum of all dead forces, if it is not zero
     node_forces: Array  # (N + 1, 3)
     chain: ChainLayout
     width: int
@@ -632,13 +630,12 @@ class Rod(BaseStructure):
         """
         state = self._check(state)
         layout = self.layout
-        quaternions = np.array(state.quaternions)
-        now = _prescribed(self)
-        angles = np.array(state.angles)
+        quaternions = state.quaternions
+        now = layout.fixed
         hinges = layout.hinged.size
-        if angles.size != hinges:
-            angles = np.zeros(hinges)
-        if state.supports.shape == now.shape and now.size:
+        angles = state.angles if state.angles.size == hinges else np.zeros(hinges)
+        moved = state.supports.shape == now.shape and not np.array_equal(state.supports, now)
+        if moved and now.size:
             turns = logarithm(multiply(now, conjugate(state.supports)))
             if np.any(turns):
                 nodes = [s.node for s in self.supports if s.frame is not None]
@@ -651,10 +648,13 @@ class Rod(BaseStructure):
                 )
                 quaternions = multiply(exponential(spread), quaternions)
                 quaternions /= np.sqrt(np.sum(quaternions**2, axis=1))[:, None]
-        for segment, index in layout.segment_of.items():
-            quaternions[segment] = layout.fixed[index]
-        stretches = np.array(state.stretches)
-        stretches[layout.plan.stretch_column < 0] = 1.0
+        if layout.segment_of:
+            quaternions = np.array(quaternions)
+            for segment, index in layout.segment_of.items():
+                quaternions[segment] = layout.fixed[index]
+        stretches = state.stretches
+        if self.stretching is None or layout.segment_of:
+            stretches = np.where(layout.plan.stretch_column < 0, 1.0, stretches)
         origin = np.array(state.origin)
         if any(a is not None for a in layout.anchors):
             places = np.empty((self.lengths.size + 1, 3))
@@ -668,7 +668,7 @@ class Rod(BaseStructure):
         """Return the frames of segments and supports, shape (K, 4)."""
         layout = self.layout
         if not layout.fixed.shape[0]:
-            return np.array(state.quaternions)
+            return state.quaternions
         fixed = np.array(layout.fixed)
         if layout.hinged.size:
             turns = exponential(state.angles[:, None] * layout.turning_axes)
@@ -685,7 +685,8 @@ class Rod(BaseStructure):
         _kernel.retract(
             frames, state.stretches, 1.0, dx, layout.plan, new, stretches, state.angles, angles
         )
-        return self._placed(new[: self.lengths.size].copy(), stretches, angles, state)
+        quaternions = new[: self.lengths.size] if frames is not state.quaternions else new
+        return self._placed(quaternions, stretches, angles, state)
 
     def _placed(
         self, quaternions: Array, stretches: Array, angles: Array, old: RodState
@@ -698,7 +699,7 @@ class Rod(BaseStructure):
             for k, anchor in enumerate(layout.anchors):
                 if anchor is not None:
                     origin[k] = anchor[1] - places[anchor[0], k]
-        return _state(quaternions, origin, stretches, angles, np.array(old.supports))
+        return _state(quaternions, origin, stretches, angles, old.supports)
 
     def difference(self, a: RodState, b: RodState) -> Array:
         """Return the body increments that lead from `a` to `b`."""
@@ -751,7 +752,7 @@ class Rod(BaseStructure):
     def isotropic(self) -> bool:
         """Whether a spin of all sections about the tangents changes no strain energy."""
         layout = self.layout
-        if np.any(layout.natural[:, :2]):
+        if np.any(layout.plan.natural[:, :2]):
             return False
         n = layout.nodes.size
         rng = np.random.default_rng(7)
@@ -790,45 +791,47 @@ class Rod(BaseStructure):
                 f"the state has {state.quaternions.shape[0]} segments; this rod has {count}"
             )
         frames = self.frames(state)
-        q, kappa = np.empty((n, 4)), np.empty((n, 3))
-        _kernel.hinge_rotations(frames, plan, q, kappa)
-        if self.measure != "sine":
-            measure_all(CODES[self.measure], q, kappa)
-        density, stress, stiffness = layout.law.evaluate(
-            kappa / plan.span[:, None] - layout.natural, order
-        )
-        energy = float(plan.span @ density)
-        forces = np.empty((2, count, 3))
-        forces[0] = layout.dead
-        forces[1] = internal_forces(self, multipliers)
-        stress = np.zeros((n, 3)) if stress is None else np.ascontiguousarray(stress)
-        if stiffness is None:
-            stiffness = np.zeros((0, 3, 3))
+        q, strain = np.empty((n, 4)), np.empty((n, 3))
+        _kernel.hinge_rotations(frames, plan, q, strain)
+        other = self.measure != "sine"
+        if other:
+            measure_all(CODES[self.measure], q, strain)
+        excess = np.empty((n, 3))
+        _kernel.excess_densities(plan, strain, excess)
+        first, second = order >= 1, order >= 2
+        values: Array
+        stress: Array
+        stiffness: Array
+        if layout.evaluate_into is not None:
+            values = np.empty(n)
+            stress = np.empty((n if first else 0, 3))
+            stiffness = np.empty((n if second else 0, 3, 3))
+            layout.evaluate_into(excess, values, stress, stiffness, order)
         else:
-            stiffness = np.ascontiguousarray(stiffness) / plan.span[:, None, None]
-        if self.measure != "sine" and order >= 1:
+            given = layout.law.evaluate(excess, order)
+            values = np.ascontiguousarray(given[0])
+            stress = np.ascontiguousarray(given[1]) if first else np.empty((0, 3))
+            stiffness = np.ascontiguousarray(given[2]) if second else np.empty((0, 3, 3))
+        if other and first:
+            share = plan.span[:, None, None]
             stress = stress.copy()  # the law keeps what it returned
+            stiffness = stiffness / share if second else stiffness
             pull_back_all(CODES[self.measure], q, stress, stiffness, order)
+            stiffness = stiffness * share if second else stiffness
         total = plan.length + layout.border
-        gradient = np.empty(total if order >= 1 else 0)
-        second = order >= 2
+        gradient = np.empty(total if first else 0)
         band = np.empty((plan.length if second else 0, layout.width + 1))
         border = np.empty((plan.length if second else 0, layout.border))
         corner = np.empty((layout.border, layout.border))
-        sums = np.empty(m)
-        energy += _kernel.assemble(
-            frames, state.stretches, q, stress, stiffness, plan, forces, gradient, band, border,
-            corner, sums, order,
+        constraints = np.empty(m)
+        energy = _kernel.assemble(
+            frames, state.stretches, state.angles, q, values, stress, stiffness, plan, multipliers,
+            gradient, band, border, corner, constraints, order,
         )  # fmt: skip
-        energy -= float(np.sum(layout.node_forces * self._fixed_positions(state)))
-        h = layout.moments.size
-        if h:
-            energy -= float(layout.moments @ state.angles)
-        constraints = sums - layout.targets
+        if layout.net_force is not None:
+            energy -= float(layout.net_force @ self._fixed_position(state))
         if order == 0:
             return Evaluation(energy, constraints)
-        if h:
-            gradient[plan.first_angle : plan.first_angle + h] -= layout.moments
         gradient = gradient[: total - m]
         if order == 1:
             return Evaluation(energy, constraints, gradient)
@@ -851,7 +854,7 @@ class Rod(BaseStructure):
         """Segments, forces and arms (along the directors) of the couples."""
         return [(int(row[0]), row[1:4], row[4:7]) for row in self.layout.plan.arms]
 
-    def _fixed_positions(self, state: RodState) -> Array:
+    def _fixed_position(self, state: RodState) -> Array:
         """Return the point from which the potential of the forces is reckoned."""
         return np.array(
             [
@@ -925,16 +928,16 @@ def _evened(rod: Rod, state: RodState) -> tuple[Array, Array, float]:
     q, angle = np.empty((n, 4)), np.empty((n, 3))
     _kernel.hinge_rotations(frames, plan, q, angle)
     measure_all(CODES["angle"], q, angle)
-    angle -= layout.natural * plan.span[:, None]
+    angle -= layout.plan.natural * plan.span[:, None]
     stress = angle / plan.span[:, None]
     value = 0.5 * float(np.sum(stress * angle))
     pull_back_all(CODES["angle"], q, stress, np.zeros((0, 3, 3)), 1)
     gradient = np.empty(plan.length + layout.border)
+    m = plan.rows.shape[0]
     _kernel.assemble(
-        frames, state.stretches, q, stress, np.zeros((0, 3, 3)), plan,
-        np.zeros((2, rod.lengths.size, 3)), gradient, np.empty((0, layout.width + 1)),
-        np.empty((0, layout.border)), np.empty((layout.border, layout.border)),
-        np.empty(plan.rows.shape[0]), 1,
+        frames, state.stretches, state.angles, q, np.zeros(n), stress, np.zeros((0, 3, 3)),
+        _without_loads(plan), np.zeros(m), gradient, np.empty((0, layout.width + 1)),
+        np.empty((0, layout.border)), np.empty((layout.border, layout.border)), np.empty(m), 1,
     )  # fmt: skip
     return angle, gradient[: rod.size], value
 
@@ -977,6 +980,12 @@ def _even_out(rod: Rod, state: RodState) -> RodState:
     return state
 
 
+def _without_loads(plan: _kernel.Plan) -> _kernel.Plan:
+    return plan._replace(
+        dead=np.zeros_like(plan.dead), moments=np.zeros_like(plan.moments), arms=np.zeros((0, 7))
+    )
+
+
 def _softer(rod: Rod) -> int:
     """Return the director about which the rod bends more easily: 0 or 1."""
     layout = rod.layout
@@ -989,7 +998,8 @@ def _unstressed(rod: Rod, state: RodState) -> ChainKKT:
     layout = rod.layout
     plan = layout.plan
     n = plan.left.size
-    stiffness = np.eye(3) / plan.span[:, None, None]
+    stiffness = np.ascontiguousarray(np.broadcast_to(np.eye(3), (n, 3, 3)))
+    m = plan.rows.shape[0]
     frames = rod.frames(state)
     q, kappa = np.empty((n, 4)), np.empty((n, 3))
     _kernel.hinge_rotations(frames, plan, q, kappa)
@@ -997,9 +1007,9 @@ def _unstressed(rod: Rod, state: RodState) -> ChainKKT:
     border = np.empty((plan.length, layout.border))
     corner = np.empty((layout.border, layout.border))
     _kernel.assemble(
-        frames, state.stretches, q, np.zeros((n, 3)), stiffness, plan,
-        np.zeros((2, rod.lengths.size, 3)), np.empty(plan.length + layout.border), band, border,
-        corner, np.empty(plan.rows.shape[0]), 2,
+        frames, state.stretches, state.angles, q, np.zeros(n), np.zeros((n, 3)), stiffness,
+        _without_loads(plan), np.zeros(m), np.empty(plan.length + layout.border), band, border,
+        corner, np.empty(m), 2,
     )  # fmt: skip
     return ChainKKT(band, border.T, corner, layout=layout.chain)
 
@@ -1015,15 +1025,10 @@ def _rotation_of(density: Array, spans: Array, measure: str) -> Array:
         ) from error
 
 
-def _prescribed(rod: Rod) -> Array:
-    frames = [s.frame for s in rod.supports if s.frame is not None]
-    return np.array(frames).reshape(-1, 4)
-
-
 def internal_forces(rod: Rod, multipliers: Array) -> Array:
     """Return the internal force on each segment, shape (N, 3): of what lies beyond on what is before."""
     layout = rod.layout
-    forces = np.array(layout.dead)
+    forces = np.array(layout.plan.dead)
     plan = layout.plan
     for value, (k, first, last) in zip(multipliers, plan.rows, strict=True):
         if k < 3:
@@ -1050,7 +1055,7 @@ def _neutral_rotations(rod: Rod, state: RodState) -> Array:
     spin = np.array([0.0, 0.0, 0.0, 1.0])
     if not rod.isotropic:
         conditions.append(spin)
-    loads = np.unique(layout.dead, axis=0)
+    loads = np.unique(layout.plan.dead, axis=0)
     for force in loads[np.any(loads != 0.0, axis=1)]:
         turns(_cross_matrix(force / np.linalg.norm(force)))
     places = rod.positions(state)
@@ -1085,7 +1090,7 @@ def _neutral_rotations(rod: Rod, state: RodState) -> Array:
         if plan.turning[f]:
             axis = plan.axis[f]
             k = int(plan.column[f]) - plan.first_angle
-            if not layout.moments[k]:
+            if not layout.plan.moments[k]:
                 body = (np.eye(3) - np.outer(axis, axis)) @ body
         conditions.extend(body)
     basis = np.eye(4)
@@ -1257,6 +1262,8 @@ def _derive(rod: Rod) -> _Layout:
         [[j, *f, *a] for j, (f, a) in rod.loads.couples.items() if np.any(f) and np.any(a)]
     ).reshape(-1, 7)
     m = len(rows)
+    law = rod.law.at(nodes) if getattr(rod.law, "count", None) is not None else rod.law
+    compiled = getattr(law, "kernel", None) is not None
     plan = _kernel.Plan(
         left=np.ascontiguousarray(pairs[:, 0]),
         right=np.ascontiguousarray(pairs[:, 1]),
@@ -1271,6 +1278,10 @@ def _derive(rod: Rod) -> _Layout:
         normal=normal,
         stretch_column=stretch,
         arms=arms,
+        natural=np.ascontiguousarray(rod.natural[nodes]),
+        dead=dead,
+        targets=np.array(targets),
+        moments=moments,
         length=length,
         first_angle=first_angle,
         stiffness=-1.0 if rod.stretching is None else float(rod.stretching),
@@ -1288,16 +1299,14 @@ def _derive(rod: Rod) -> _Layout:
         plan=plan,
         nodes=nodes,
         arclength=s_nodes[nodes],
-        natural=np.ascontiguousarray(rod.natural[nodes]),
-        law=rod.law.at(nodes) if getattr(rod.law, "count", None) is not None else rod.law,
+        law=law,
         fixed=fixed,
         hinged=hinged,
         turning_axes=axes,
-        moments=moments,
         anchors=tuple(anchors),
-        targets=np.array(targets),
         row_nodes=np.array(row_nodes, dtype=np.int64),
-        dead=dead,
+        evaluate_into=law.evaluate_into if compiled else None,
+        net_force=np.sum(forces, axis=0) if np.any(np.sum(forces, axis=0)) else None,
         node_forces=forces,
         chain=ChainLayout(length, np.arange(place), np.arange(place, place + m), border),
         width=2 * per - 1 if not extensible else 6,
