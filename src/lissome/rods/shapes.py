@@ -325,7 +325,7 @@ def helix(
     --------
     >>> from lissome import rods
     >>> spring = rods.helix(10.0, 200, rods.Kirchhoff(1.0, 0.8), curvature=2.0, torsion=0.5)
-    >>> print(spring.natural[100].round(3))
+    >>> print(spring.natural[100].round(2))
     [2.  0.  0.5]
     """
     rest = _rest_lengths(length, segments, lengths)
