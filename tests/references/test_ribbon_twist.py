@@ -277,3 +277,94 @@ def test_collocation_superconverges(stages):
     a, b, c = gauss(stages)
     assert b.sum() == pytest.approx(1)
     assert np.allclose(a.sum(axis=1), c)
+
+
+def test_moment_along_the_force_vanishes_everywhere(wide):
+    """So m2 = 0 at the clamp at a right angle, where the clamp's d2 is along x."""
+    state = wide.states[np.abs(wide.twist - 1.2).argmin()]
+    y = state.solution.nodes
+    m2, m3 = WIDE.moments(y[:, 8], y[:, 9])
+    frames = np.array(ribbon_twist._frame(y[:, 3:7].T))
+    moment = np.einsum("in,ijn->jn", np.array([y[:, 7], m2, m3]), frames)
+    assert np.allclose(moment[0], 0, atol=1e-6)
+    k = ribbon_twist.equilibrium(WIDE, np.pi / 2).clamp_strains
+    assert k[1] == pytest.approx(np.sqrt(k[2] ** 2 - WIDE.extensibility**-2), rel=1e-8)
+    k = ribbon_twist.equilibrium(NARROW, np.pi / 2).clamp_strains
+    assert abs(k[1]) < 1e-8
+    assert abs(k[2]) < 1 / NARROW.extensibility
+
+
+def test_convex_envelope_of_the_density():
+    """The lower convex hull of sampled values, in the plane of k2 and k3."""
+    from scipy.spatial import ConvexHull
+
+    ribbon = Ribbon(10.0, poisson_ratio=0.4)
+    c = ribbon.extensibility**-2
+    k2, k3 = np.meshgrid(np.linspace(-6, 6, 121), np.linspace(-5, 5, 101), indexing="ij")
+    density = ribbon.energy_density(0, k2, k3)
+    flat = k3**2 > c + k2**2
+    envelope = np.where(flat, 0.5 * ((2 + ribbon.twisting) * k3**2 - c), density)
+    hull = ConvexHull(np.stack([k2.ravel(), k3.ravel(), density.ravel()], axis=1))
+    lower = hull.equations[hull.equations[:, 2] < 0]
+    planes = -(lower[:, :2] @ np.stack([k2.ravel(), k3.ravel()]) + lower[:, 3:]) / lower[:, 2:3]
+    sampled = planes.max(axis=0).reshape(k2.shape)
+    assert np.all(envelope <= density + 1e-12)
+    assert np.abs(sampled - envelope).max() < 0.02 * np.ptp(envelope[flat])
+    # never below the envelope by more than rounding, where the hull is exact: at its vertices
+    assert np.all(sampled.ravel()[hull.vertices] >= envelope.ravel()[hull.vertices] - 1e-9)
+
+
+def test_strains_that_jump():
+    """Weierstrass and Erdmann's conditions, less energy than smooth strains, and virtual work."""
+    ribbon = Ribbon(10.0, poisson_ratio=0.4)
+    branch = ribbon_twist.trace_jump(ribbon, until=1.75)
+    assert branch.twist[0] == pytest.approx(np.pi / 2, abs=1e-9)
+    for state in branch.states[1::3]:
+        element = int(np.flatnonzero(state.solution.mesh == state.jump)[0])
+        left = state.solution.at(state.jump - 1e-9)[[8, 9]]
+        right = state.solution.nodes[element, [8, 9]]
+        assert left[0] == pytest.approx(-right[0], rel=1e-5)
+        assert right[0] > 0.5
+        assert left[1] == pytest.approx(right[1], rel=1e-6)
+        assert np.allclose(ribbon.moments(*left), ribbon.moments(*right), atol=1e-4)
+        assert abs(ribbon.moments(*right)[0]) < 1e-9
+        assert state.convexity > -1e-9
+        smooth = ribbon_twist.equilibrium(ribbon, state.twist)
+        assert smooth.convexity < 0
+        assert state.energy < smooth.energy
+    first, second = branch.states[-3], branch.states[-2]
+
+    def moment(state):
+        k = state.clamp_strains
+        return -2 * ribbon.moments(k[1], k[2])[1]
+
+    work = (second.twist - first.twist) * (moment(first) + moment(second)) / 2
+    assert second.energy - first.energy == pytest.approx(work, rel=1e-4)
+    with pytest.raises(InvalidInput, match="jump"):
+        ribbon_twist.stability(second)
+    with pytest.raises(InvalidInput, match="extensibility"):
+        ribbon_twist.trace_jump(NARROW)
+
+
+def test_fold_is_reached_on_a_detour():
+    """The smooth branch ends before it, in the form without (1 - nu^2)."""
+    ribbon = Ribbon(8.0, poisson_ratio=0.3, form="audoly-neukirch")
+    fold = ribbon_twist.critical_twist(ribbon)
+    assert fold.convexity > 0.1
+    symmetric, antisymmetric = ribbon_twist.stability(fold)
+    assert abs(symmetric) < 1e-3
+    assert antisymmetric > 1
+    direct = ribbon_twist.critical_twist(NARROW)
+    traced = ribbon_twist.trace(NARROW, stop_at_fold=True).folds[0]
+    assert direct.twist == pytest.approx(traced.twist, abs=1e-6)
+
+
+def test_threshold_depends_on_the_extensibility_length():
+    """Forms differ by a factor of the width; the printed 1.24 lies between two of them."""
+    nu = 0.4
+    thesis = ribbon_twist.threshold_width(Ribbon(8.0, poisson_ratio=nu), tolerance=0.05)
+    other = Ribbon(8.0, poisson_ratio=nu, form="panda-jawed")
+    half = ribbon_twist.threshold_width(other, tolerance=0.05)
+    factor = (2 * (1 - nu**2)) ** 0.25
+    assert np.allclose(half, factor * np.array(thesis), rtol=2e-3)
+    assert thesis[0] < 1.194 < thesis[1] < 1.24 < half[0]

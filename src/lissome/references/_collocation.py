@@ -163,16 +163,16 @@ class Family:
         slopes = self.right(flat, point.parameters).T.reshape(stages.shape)
         return Point(self.mesh, nodes, slopes, point.parameters.copy())
 
-    def tangent(self, point: Point, towards: Array | None = None) -> Array:
+    def tangent(self, point: Point, towards: Array | None = None, which: int = -1) -> Array:
         """Return the unit tangent of the curve, in the direction of `towards`.
 
-        Nodal values and parameters; without `towards`, in the direction of a growing last parameter.
+        Nodal values and parameters; without `towards`, parameter number `which` grows along it.
         """
         matrix, _, _ = self._linearize(point)
         weight = self._weight(point)
         row = np.zeros(matrix.shape[1])
         if towards is None:
-            row[-1] = 1.0
+            row[point.nodes.size :][which] = 1.0
         else:
             row = weight * towards
         right = np.zeros(len(row))

@@ -25,12 +25,14 @@ Equilibria of that symmetry are solved for on one half, by Gauss collocation of
 
 in the ribbon's own frame, for the center line, a quaternion, :math:`m_1`, :math:`\kappa_2`,
 :math:`\kappa_3` and the constant force. Where the Hessian of W ceases to be positive definite the
-equations are singular and the model asks for strains that jump: branches end there.
+equations are singular: branches end there. Strains that jump, of less energy, exist before that;
+:func:`trace_jump` follows them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -42,12 +44,24 @@ from .._validate import finite, in_open_interval, integer_at_least, one_of, posi
 from ..errors import InvalidInput, NotConverged
 from ._collocation import Family, Point, gauss
 
-__all__ = ["Branch", "Equilibrium", "Fold", "Ribbon", "equilibrium", "stability", "trace"]
+__all__ = [
+    "Branch",
+    "Equilibrium",
+    "Fold",
+    "Ribbon",
+    "critical_twist",
+    "equilibrium",
+    "stability",
+    "threshold_width",
+    "trace",
+    "trace_jump",
+]
 
 Array = npt.NDArray[np.float64]
 Reading = Literal["mirror", "rotation"]
 Form = Literal["thesis", "audoly-neukirch", "panda-jawed"]
 _HALF = np.pi / 2.0
+_JUMPS = 0.49  # extensibility length over R above which k3 at the clamp exceeds 1/xi at pi/2
 _DEFECT = 1e-4  # of the collocation polynomial between its points; the nodes are far better
 
 
@@ -158,12 +172,15 @@ class Equilibrium:
     solution : Point
         Center line, quaternion, m1, k2, k3 from the clamp (s = 0) to the middle (s = pi/2), and
         the force components along x and y.
+    jump : float or None
+        Arc length from the clamp at which k2 jumps.
     """
 
     ribbon: Ribbon
     reading: Reading
     twist: float
     solution: Point
+    jump: float | None = None
 
     @property
     def midpoint(self) -> Array:
@@ -191,6 +208,17 @@ class Equilibrium:
         """Least determinant of the Hessian of W by (k2, k3) over all points of the solution."""
         states = np.concatenate([self.solution.nodes, self.solution.stage_values.reshape(-1, 10)])
         return float(self.ribbon.ellipticity(states[:, 8], states[:, 9]).min())
+
+    @cached_property
+    def convexity(self) -> float:
+        r"""Least :math:`\xi^{-2} + \kappa_2^2 - \kappa_3^2` over all points of the solution.
+
+        Where it is negative the energy density lies above its convex envelope: the equilibrium
+        may be a local minimum, but strains that jump have less energy.
+        """
+        states = np.concatenate([self.solution.nodes, self.solution.stage_values.reshape(-1, 10)])
+        gap = self.ribbon.extensibility**-2 + states[:, 8] ** 2 - states[:, 9] ** 2
+        return float(gap.min())
 
     @cached_property
     def weakest(self) -> float:
@@ -323,8 +351,10 @@ def equilibrium(
             f"the branch of the half circle ends at the twist {branch.twist.max():.6f} rad "
             f"({'a fold' if branch.folds else branch.end}) before the twist asked for, {target:g}"
         )
+    last = branch.states[-1].solution
     family = _family(ribbon, reading, elements, stages, layer)
-    point = family.fixed(branch.states[-1].solution, target)
+    family = Family(family.right, family.ends, last.mesh, stages)
+    point = family.fixed(last, target)
     return Equilibrium(ribbon, reading, target, point)
 
 
@@ -386,10 +416,190 @@ def trace(
     circle = [-np.cos(s), zero, np.sin(s), np.cos(s / 2), zero, np.sin(s / 2), zero, zero, zero + 1]
     guess = family.start(np.stack([*circle, zero], axis=1), np.zeros(3))
     point = family.fixed(guess, 0.0)
-    tangent = family.tangent(point)
-    states = [Equilibrium(ribbon, reading, 0.0, point)]
-    limit = 4 * elements
-    folds: list[Fold] = []
+
+    def wrap(point: Point) -> Equilibrium:
+        return Equilibrium(ribbon, reading, float(point.parameters[-1]), point)
+
+    return _follow(family, point, family.tangent(point), wrap, top, longest, count, stop_at_fold)
+
+
+def trace_jump(
+    ribbon: Ribbon,
+    *,
+    until: float = 3.3,
+    step: float = 0.1,
+    count: int = 400,
+    elements: int = 20,
+    stages: int = 5,
+    stop_at_fold: bool = False,
+) -> Branch:
+    r"""Follow the equilibria whose bending strain jumps at one place near each clamp.
+
+    With :math:`D = \xi^{-2} + \kappa_2^2` the soft part of W is
+    :math:`\tfrac12(D + \kappa_3^4/D - \xi^{-2}) \ge \kappa_3^2 - \tfrac12\xi^{-2}`, and equality holds at
+    :math:`D = \kappa_3^2`. The convex envelope of W follows: where :math:`\kappa_3^2 > D` it is
+    independent of :math:`\kappa_2`, and :math:`\kappa_2` may jump between
+    :math:`\pm\sqrt{\kappa_3^2 - \xi^{-2}}` where :math:`m_2 = 0`. These are the strains of least
+    energy; a smooth branch on which :math:`\kappa_3^2 > D` somewhere is only a local minimum.
+
+    In the mirror-symmetric reading :math:`m_x = 0` all along, so that :math:`m_2` vanishes at the
+    clamp at :math:`\phi = \pi/2` whatever the width: the jump starts there if
+    :math:`\kappa_3^2 > \xi^{-2}`. (In narrower ribbons it starts at an interior point later on, or
+    never.)
+
+    Parameters
+    ----------
+    ribbon : Ribbon
+        The ribbon.
+    until, step, count, elements, stages, stop_at_fold
+        As for :func:`trace`, elements on either side of the jump. Steps are those of the rescaled
+        halves.
+
+    Returns
+    -------
+    Branch
+        From the start of the jump at the clamps; mirror-symmetric.
+
+    Raises
+    ------
+    InvalidInput
+        If the ribbon is too narrow for that.
+
+    Examples
+    --------
+    >>> branch = trace_jump(Ribbon(10.0, poisson_ratio=0.4), stop_at_fold=True)
+    >>> round(branch.folds[0].twist, 4)
+    2.0078
+    """
+    top, longest = positive("until", until, "rad"), positive("step", step)
+    integer_at_least("count", count, 2)
+    if ribbon.extensibility < _JUMPS:
+        raise InvalidInput(
+            f"argument `ribbon` has the extensibility length {ribbon.extensibility:.4f} R; jumps "
+            f"start at a clamp if it exceeds {_JUMPS:g} R, in wider ribbons"
+        )
+    smooth = equilibrium(ribbon, _HALF, elements=elements, stages=stages).solution
+    family = _jump_family(ribbon, elements, stages)
+    outer = smooth.at(_HALF * family.mesh)
+    inner = np.tile(outer[0], (len(outer), 1))
+    inner[:, 8] *= -1.0
+    constants = np.array([*smooth.parameters[:2], 0.0, _HALF])
+    guess = family.start(np.hstack([inner, outer]), constants)
+    point = family.fixed(guess, 0.0, which=2)
+    tangent = family.tangent(point, which=2)
+
+    def wrap(point: Point) -> Equilibrium:
+        return _joined(ribbon, point)
+
+    return _follow(family, point, tangent, wrap, top, longest, count, stop_at_fold)
+
+
+def critical_twist(ribbon: Ribbon, *, elements: int = 24, stages: int = 5) -> Equilibrium:
+    """Return the fold at which a ribbon whose strains have the least energy snaps, mirror-symmetric.
+
+    The branch of the half circle leads there directly, or on a detour: where the energy density
+    loses its convexity the strains jump (:func:`trace_jump`) and may be smooth again at the fold,
+    which is then reached from a narrower ribbon at the same twist.
+
+    Parameters
+    ----------
+    ribbon : Ribbon
+        The ribbon.
+    elements, stages : int
+        Mesh, as for :func:`trace`.
+
+    Returns
+    -------
+    Equilibrium
+
+    Raises
+    ------
+    NotConverged
+        If neither way leads to a fold.
+
+    Examples
+    --------
+    >>> round(critical_twist(Ribbon(8.0, poisson_ratio=0.4)).twist, 4)
+    2.0119
+    """
+    if ribbon.extensibility > _JUMPS:
+        branch = trace_jump(ribbon, elements=elements, stages=stages, stop_at_fold=True)
+    else:
+        narrow = min(0.36, ribbon.extensibility) / ribbon.extensibility
+        start = replace(ribbon, width=ribbon.width * np.sqrt(narrow))
+        near = equilibrium(start, 1.99, elements=elements, stages=stages)
+        family, point = _widened(start, ribbon, near.solution, stages)
+
+        def wrap(point: Point) -> Equilibrium:
+            return Equilibrium(ribbon, "mirror", float(point.parameters[-1]), point)
+
+        branch = _follow(family, point, family.tangent(point), wrap, 3.3, 0.05, 100, True)
+    if not branch.folds:
+        raise NotConverged(
+            f"the branch ends at the twist {branch.twist[-1]:.4f} without a fold ({branch.end})"
+        )
+    return branch.folds[0].state
+
+
+def threshold_width(
+    ribbon: Ribbon, *, tolerance: float = 1e-3, elements: int = 20, stages: int = 5
+) -> tuple[float, float]:
+    r"""Bracket the width from which on the smooth branch of the half circle does not snap.
+
+    Narrower, the branch ends on its way to a twist of 2.4 rad, at a fold or where the Hessian of the
+    energy density becomes singular at the clamp and the strains have to jump. Wider, the Hessian
+    stays positive definite. Mirror-symmetric.
+
+    Parameters
+    ----------
+    ribbon : Ribbon
+        Gives thickness, radius, Poisson ratio and form; its width does not matter.
+    tolerance : float
+        Relative width of the bracket.
+    elements, stages : int
+        Mesh, as for :func:`trace`.
+
+    Returns
+    -------
+    (low, high) : tuple of float
+        Widths over :math:`\sqrt{Lh}`; the branch ends at `low` and goes on at `high`.
+    """
+    goal = positive("tolerance", tolerance)
+    # The extensibility length decides, so that all forms share one first bracket.
+    unit = ribbon.width / np.sqrt(ribbon.extensibility)
+    low, high = unit * np.sqrt(0.45), unit * np.sqrt(0.60)
+
+    def survives(width: float) -> bool:
+        wide = replace(ribbon, width=float(width))
+        found = trace(
+            wide, until=2.4, step=0.12, elements=elements, stages=stages, stop_at_fold=True
+        )
+        return found.end == "range"
+
+    if survives(low) or not survives(high):
+        raise NotConverged(
+            f"the threshold lies outside the widths {low:g} to {high:g} of the first bracket"
+        )
+    while high - low > goal * low:
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if survives(middle) else (middle, high)
+    scale = ribbon.relative_width / ribbon.width
+    return float(low * scale), float(high * scale)
+
+
+def _follow(
+    family: Family,
+    point: Point,
+    tangent: Array,
+    wrap: Callable[[Point], Equilibrium],
+    top: float,
+    longest: float,
+    count: int,
+    stop_at_fold: bool,
+) -> Branch:
+    """Pseudo-arclength continuation with refinement of the mesh."""
+    states, folds = [wrap(point)], list[Fold]()
+    limit = 4 * len(family.mesh)
     length = longest / 2.0
     while len(states) < count:
         try:
@@ -397,7 +607,7 @@ def trace(
             turned = family.tangent(ahead, tangent)
             if family.turn(tangent, turned, point) < 0.95:
                 raise NotConverged("the curve turns too much")
-            state = Equilibrium(ribbon, reading, float(ahead.parameters[-1]), ahead)
+            state = wrap(ahead)
             rough = family.defect(ahead) > _DEFECT
             if rough.any():
                 if len(rough) + rough.sum() > limit:
@@ -405,7 +615,9 @@ def trace(
                 # finer where the present state is, in case that the next one is out of reach
                 old = family.mesh
                 family, point = family.refined(point, rough)
-                tangent = family.tangent(point, _carried(tangent, old, family.mesh))
+                tangent = family.tangent(
+                    point, _carried(tangent, point.nodes.shape[1], old, family)
+                )
                 continue
             if state.margin <= 0.0:
                 raise NotConverged("the Hessian of the energy density is not positive definite")
@@ -414,7 +626,7 @@ def trace(
             if length > 1e-3 * longest:
                 continue
             weakest = states[-1].margin
-            if weakest < 0.25 * ribbon.twisting:
+            if weakest < 0.25 * states[-1].ribbon.twisting:
                 return Branch(tuple(states), tuple(folds), "ellipticity")
             raise NotConverged(
                 f"no step leads on from the twist {states[-1].twist:.6f} rad, where the least "
@@ -423,8 +635,7 @@ def trace(
             ) from error
         if tangent[-1] * turned[-1] < 0.0:
             there, _ = family.fold(point, tangent, length)
-            found = Equilibrium(ribbon, reading, float(there.parameters[-1]), there)
-            folds.append(Fold(found, len(states) - 1))
+            folds.append(Fold(wrap(there), len(states) - 1))
             if stop_at_fold:
                 return Branch(tuple(states), tuple(folds), "count")
         point, tangent = ahead, turned
@@ -468,6 +679,11 @@ def stability(state: Equilibrium, *, degree: int = 4) -> tuple[float, float]:
     True
     """
     integer_at_least("degree", degree, 2)
+    if state.jump is not None:
+        raise InvalidInput(
+            f"argument `state` has strains that jump at {state.jump:g}; the second variation here is "
+            "that of smooth strains"
+        )
     lowest = []
     stiffness, mass, rows = _second_variation(state, degree)
     middle = 3 * (len(stiffness) // 3 - 1)
@@ -546,11 +762,87 @@ def _family(ribbon: Ribbon, reading: Reading, elements: int, stages: int, layer:
     return Family(right, ends, mesh, stages)
 
 
-def _carried(tangent: Array, old: Array, new: Array) -> Array:
+def _jump_family(ribbon: Ribbon, elements: int, stages: int) -> Family:
+    """Both sides of the jump on [0, 1]; constants: force along x and y, place of the jump, twist."""
+    single = _family(ribbon, "mirror", 4, stages, 0.5)
+    thin, fraction = 0.1, np.linspace(0.0, 1.0, elements + 1)
+    mesh = thin * np.sinh(fraction * np.arcsinh(1.0 / thin))
+    mesh[-1] = 1.0
+
+    def right(y: npt.NDArray, p: npt.NDArray) -> npt.NDArray:
+        constants = p[[0, 1, 3]]
+        inner, outer = single.right(y[:10], constants), single.right(y[10:], constants)
+        return np.concatenate([p[2] * inner, (_HALF - p[2]) * outer])
+
+    def ends(y0: npt.NDArray, y1: npt.NDArray, p: npt.NDArray) -> npt.NDArray:
+        before, after = y1[:10], y0[10:]
+        joint = [
+            *(after[:8] - before[:8]),
+            after[8] + before[8],
+            after[9] - before[9],
+            ribbon.extensibility**-2 + after[8] ** 2 - after[9] ** 2,
+        ]
+        return np.concatenate([single.ends(y0[:10], y1[10:], p[[0, 1, 3]]), joint])
+
+    return Family(right, ends, mesh, stages)
+
+
+def _widened(start: Ribbon, ribbon: Ribbon, point: Point, stages: int) -> tuple[Family, Point]:
+    """Lead smooth strains from a narrow ribbon to a wider one at the same twist."""
+    width, factor = start.width, 1.02
+    twist = float(point.parameters[-1])
+
+    def family(width: float, mesh: Array) -> Family:
+        single = _family(replace(ribbon, width=width), "mirror", 4, stages, 0.5)
+        return Family(single.right, single.ends, mesh, stages)
+
+    here = family(width, point.mesh)
+    while width < ribbon.width:
+        ahead = min(width * factor, ribbon.width)
+        there = family(ahead, point.mesh)
+        try:
+            moved = there.fixed(point, twist)
+            state = Equilibrium(replace(ribbon, width=ahead), "mirror", twist, moved)
+            rough = there.defect(moved) > _DEFECT
+            if rough.any() and len(point.mesh) < 200:
+                here, point = here.refined(point, rough)
+                continue
+            if rough.any() or state.margin <= 0.0:
+                raise NotConverged("the strains are not smooth")
+        except NotConverged as error:
+            factor = np.sqrt(factor)
+            if factor < 1.0001:
+                raise NotConverged(
+                    f"a ribbon wider than {width:.4f} has no smooth strains of least energy at a "
+                    f"twist of {twist:g} rad (asked for: {ribbon.width:g})"
+                ) from error
+            continue
+        here, point, width = there, moved, ahead
+    return here, point
+
+
+def _joined(ribbon: Ribbon, point: Point) -> Equilibrium:
+    """Both sides as one solution over the arc length; elements of no length are left out."""
+    place, twist = float(point.parameters[2]), float(point.parameters[3])
+    outer = _HALF - place
+    mesh = [place + outer * point.mesh]
+    nodes = [point.nodes[:, 10:]]
+    slopes = [point.slopes[..., 10:] / outer]
+    if place > 1e-12:
+        # values to the right of each element's start: the inner side's last node is superseded
+        mesh.insert(0, place * point.mesh[:-1])
+        nodes.insert(0, point.nodes[:-1, :10])
+        slopes.insert(0, point.slopes[..., :10] / place)
+    constants = np.array([*point.parameters[:2], twist])
+    joined = Point(np.concatenate(mesh), np.concatenate(nodes), np.concatenate(slopes), constants)
+    return Equilibrium(ribbon, "mirror", twist, joined, place)
+
+
+def _carried(tangent: Array, n: int, old: Array, family: Family) -> Array:
     """A tangent on another mesh, good enough to tell its sense."""
-    nodes = tangent[: 10 * len(old)].reshape(len(old), 10)
-    moved = [np.interp(new, old, column) for column in nodes.T]
-    return np.concatenate([np.stack(moved, axis=1).ravel(), tangent[10 * len(old) :]])
+    nodes = tangent[: n * len(old)].reshape(len(old), n)
+    moved = [np.interp(family.mesh, old, column) for column in nodes.T]
+    return np.concatenate([np.stack(moved, axis=1).ravel(), tangent[n * len(old) :]])
 
 
 def _second_variation(state: Equilibrium, degree: int) -> tuple[Array, Array, Array]:
