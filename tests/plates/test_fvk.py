@@ -248,6 +248,18 @@ def test_flat_defect_disc_buckles_where_collocation_says(nu):
     assert found == pytest.approx(exact, rel=2e-3)
 
 
+@pytest.mark.parametrize("degree", [2, 3])
+def test_clamped_square_buckles_under_its_own_expansion(degree):
+    """52.3447 D/L^2 (to 1e-5 by high-order Ritz methods); the stress is uniform."""
+    nu, bending = 0.3, 1e-4
+    mesh = skfem.MeshTri().refined(3)  # one diagonal: the mixed scheme has a spurious state here
+    plate = Plate(mesh=mesh, bending=bending, poisson=nu, edges="clamped", degree=degree)
+    exact = 52.3447 * bending / (1 - nu**2) * (1 - nu)  # N = -C strain/(1 - nu)
+    for factor, index in ((0.99, 0), (1.02 if degree == 2 else 1.001, 1)):
+        flat = ls.equilibrate(plate.with_(strain=factor * exact * np.eye(2)), require="any")
+        assert flat.index == index
+
+
 def test_bilayer_disc_loses_its_roundness_where_collocation_says():
     nu = 0.3
     disc = AxisymmetricDisc(bending=1e-4, poisson=nu)

@@ -123,8 +123,9 @@ class MixedPlate(BaseStructure):
 
     Notes
     -----
-    A tilt of a free plate changes the energy of the robust form by the error of the discretization;
-    the mean of the slopes is therefore held at zero by two more constraints where tilts are allowed.
+    A tilt of a free plate changes the energy of the robust form by the error of the discretization
+    (and that of the literal one on curved triangles, if w is of degree 1); the mean of the slopes is
+    therefore held at zero by two more constraints where tilts are allowed.
 
     Raises
     ------
@@ -344,7 +345,8 @@ class MixedPlate(BaseStructure):
         u, values, _ = np.linalg.svd(allowed[:, 4:], full_matrices=True)
         rank = int(np.count_nonzero(values > 1e-9))
         turned = u.T @ allowed
-        if self.form == "literal":
+        # A tilt is exact if w can follow it, and the strain holds the gradient of w.
+        if self.form == "literal" and space.geometry.basis.degree <= space.orders[1]:
             return turned, np.zeros((0, 6))
         return turned[rank:], turned[:rank]
 

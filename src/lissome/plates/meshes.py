@@ -184,12 +184,12 @@ def from_file(path: str | os.PathLike[str]) -> Any:
     DataError
         If the file cannot be read, or holds no triangles or triangles that are not in the plane.
     """
-    import meshio  # type: ignore[import-untyped]
+    import meshio
 
+    if not os.path.exists(path):
+        raise FileNotFoundError(f"there is no file {path}")
     try:
         stored = meshio.read(path)
-    except FileNotFoundError:
-        raise
     except (meshio.ReadError, SystemExit, ValueError, KeyError, IndexError, OSError) as error:
         raise DataError(f"the file {path} is not a mesh that meshio can read: {error}") from error
     kinds = {block.type for block in stored.cells}

@@ -1,0 +1,114 @@
+"""Meshes of plates: areas, symmetry, files and slits."""
+
+import meshio
+import numpy as np
+import pytest
+import skfem
+
+import lissome as ls
+from lissome.errors import DataError, InvalidInput
+from lissome.plates import meshes
+from lissome.plates.fvk import Plate
+
+
+@pytest.mark.parametrize("center", [(0.0, 0.0), (0.3, -0.2)])
+@pytest.mark.parametrize("grading", [1.0, 2.0])
+def test_rectangle_has_its_area_and_its_point(center, grading):
+    mesh = meshes.rectangle(1.2, 0.8, 4, center=center, grading=grading)
+    plate = Plate(mesh=mesh, bending=1.0, poisson=0.3)
+    assert plate.space.area == pytest.approx(0.96, rel=1e-12)
+    assert np.min(np.hypot(*(mesh.p - np.array(center)[:, None]))) < 1e-15
+    assert sum(len(part) for part in mesh.boundaries.values()) == len(mesh.boundary_facets())
+
+
+def test_square_mesh_has_the_symmetry_of_the_square():
+    points = {tuple(p) for p in np.round(meshes.rectangle(divisions=3).p.T, 12) + 0.0}
+    for a, b, c, d in ((0, -1, 1, 0), (-1, 0, 0, 1), (0, 1, 1, 0)):
+        turned = {(a * x + b * y + 0.0, c * x + d * y + 0.0) for x, y in points}
+        assert turned == points
+
+
+@pytest.mark.parametrize("center", [(0.0, 0.0), (0.2, 0.1)])
+def test_disc_area_is_of_fourth_order(center):
+    errors = [
+        abs(
+            Plate(mesh=meshes.disc(0.5, n, center=center), bending=1.0, poisson=0.3).space.area
+            / (np.pi / 4)
+            - 1
+        )
+        for n in (2, 4)
+    ]
+    assert np.log2(errors[0] / errors[1]) > 3.7
+
+
+@pytest.mark.parametrize("kind", ["straight", "curved"])
+def test_files_give_the_mesh_back(tmp_path, kind):
+    path = tmp_path / "plate.vtu"
+    if kind == "straight":
+        mesh = meshes.rectangle(1.0, 0.7, 2)
+        cells = [("triangle", mesh.t.T)]
+    else:
+        mesh = meshes.disc(0.5, 2)
+        nodes = mesh.dofs.element_dofs.T  # corners, then the edges 0-1, 1-2, 0-2
+        cells = [("triangle6", nodes)]
+    points = np.column_stack([mesh.doflocs.T, np.zeros(mesh.doflocs.shape[1])])
+    meshio.Mesh(points, cells).write(path)
+    plates = [Plate(mesh=m, bending=1e-3, poisson=0.3, edges="clamped", pressure=1e-3)
+              for m in (mesh, meshes.from_file(path))]  # fmt: skip
+    energies = [ls.equilibrate(plate).energy for plate in plates]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-10)
+
+
+def test_bad_files_are_refused(tmp_path):
+    path = tmp_path / "plate.vtu"
+    path.write_text("no mesh")
+    with pytest.raises(DataError):
+        meshes.from_file(path)
+    bent = meshes.rectangle(divisions=1)
+    points = np.column_stack([bent.p.T, bent.p[0] ** 2])
+    meshio.Mesh(points, [("triangle", bent.t.T)]).write(path)
+    with pytest.raises(DataError, match="plane"):
+        meshes.from_file(path)
+    meshio.Mesh(points, [("line", bent.facets.T)]).write(path)
+    with pytest.raises(DataError, match="triangles"):
+        meshes.from_file(path)
+    with pytest.raises(FileNotFoundError):
+        meshes.from_file(tmp_path / "none.vtu")
+
+
+def test_a_slit_opens_the_mesh_and_relaxes_a_defect():
+    whole = meshes.rectangle(divisions=4, grading=1.0)
+    cut = meshes.with_slit(whole, (0.0, 0.0), (0.5, 0.0))
+    assert cut.nvertices - whole.nvertices == 4  # all but the tip
+    assert len(cut.boundary_facets()) == len(whole.boundary_facets()) + 8
+    inside = meshes.with_slit(whole, (0.125, 0.0), (0.375, 0.0))
+    assert inside.nvertices - whole.nvertices == 1
+
+    def strain(x, y):
+        out = np.array([[x * x, x * y], [x * y, y * y]]) / (x * x + y * y)
+        return 1e-5 * out
+
+    energies = [
+        ls.equilibrate(Plate(mesh=m, bending=1e-2, poisson=0.3, strain=strain)).energy
+        for m in (whole, cut)
+    ]
+    assert 0 < energies[1] < 0.9 * energies[0]
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: meshes.rectangle(center=(0.5, 0.0)), "center"),
+        (lambda: meshes.rectangle(width=-1.0), "width"),
+        (lambda: meshes.rectangle(divisions=0), "divisions"),
+        (lambda: meshes.rectangle(grading=0.0), "grading"),
+        (lambda: meshes.disc(center=(1.0, 0.1)), "center"),
+        (lambda: meshes.disc(sectors=3), "sectors"),
+        (lambda: meshes.with_slit(meshes.rectangle(), (0, 0), (0.31, 0.17)), "along edges"),
+        (lambda: meshes.with_slit(meshes.rectangle(), (0, 0), (0, 0)), "same point"),
+        (lambda: meshes.with_slit(skfem.MeshQuad(), (0, 0), (1, 0)), "MeshQuad"),
+    ],
+)
+def test_bad_arguments_are_refused(call, words):
+    with pytest.raises(InvalidInput, match=words):
+        call()
