@@ -35,8 +35,9 @@ def fast_correction(
     """Return a stationary point near `state`, or None.
 
     None too if a stationary point that is not a minimum seems to be near: whoever wants it must not
-    be led away from it. Else the Hessian is shifted until the matrix has the inertia of a minimum. A step is taken if it lowers
-    the energy with the constraints as penalties, or if it is followed by a much shorter one.
+    be led away from it. Else the Hessian is shifted until the matrix has the inertia of a minimum. A
+    step is taken if it lowers the energy with the constraints as penalties, or if it is followed by
+    a much shorter one.
     """
     gauge = rod.gauge(state)
     here = rod.evaluate(state, multipliers, 2)

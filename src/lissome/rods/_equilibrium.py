@@ -135,7 +135,7 @@ class RodEquilibrium(Equilibrium):
     @cached_property
     def forces(self) -> Array:
         """Internal force on each segment, shape (N, 3)."""
-        from ._structure import internal_forces
+        from ._layout import internal_forces
 
         return internal_forces(self.structure, self.multipliers)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -13,22 +13,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._validate import finite, finite_array, integer_at_least, one_of, positive
 from ..equilibrium import Equilibrium
-from ..errors import FactorizationError, InvalidInput
-from ..factorization import ChainKKT, ChainLayout
+from ..errors import InvalidInput
+from ..factorization import ChainKKT
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
 from ._corrector import fast_correction
 from ._equilibrium import RodEquilibrium
+from ._layout import Layout, derive, plane_normal
+from ._neutral import neutral_rotations
+from ._starts import reach_supports
 from .loads import Distributed, Loads
 from .measures import CODES, MEASURES, measure_all, pull_back_all, rotation_from_strain
-from .quaternions import conjugate, exponential, logarithm, multiply, rotate, to_matrix
+from .quaternions import conjugate, exponential, logarithm, multiply, rotate
 from .supports import Support, as_direction, as_frame, as_position
 
 __all__ = ["Rod", "RodState"]
 
 Array = NDArray[np.float64]
-#: Distances are compared to this fraction of the length.
-REACH = 1e-12
 KEEP: Any = object()
 
 
@@ -105,29 +106,6 @@ def _state(
 
 
 @dataclass(frozen=True, eq=False)
-class _Layout:
-    """Where everything is, derived once from a rod."""
-
-    plan: _kernel.Plan
-    nodes: NDArray[np.int64]  # of the hinges
-    arclength: Array  # of the hinges
-    law: Any
-    fixed: Array  # frames of supports, (S, 4); hinged ones at the angle zero
-    hinged: NDArray[np.int64]  # which of them turn
-    turning_axes: Array  # their spatial axes
-    anchors: tuple[tuple[int, float] | None, ...]  # by component: node and position
-    row_nodes: NDArray[np.int64]  # node of each constraint; -1 for closure
-    evaluate_into: Any  # of a compiled law
-    net_force: Array | None  # sum of all dead forces, if it is not zero
-    node_forces: Array  # (N + 1, 3)
-    chain: ChainLayout
-    width: int
-    border: int
-    metric: Array
-    segment_of: dict[int, int]  # prescribed segments: index of the support
-
-
-@dataclass(frozen=True, eq=False)
 class Rod(BaseStructure):
     r"""A discrete elastic rod: rigid segments with frames, elastic hinges at the nodes.
 
@@ -201,17 +179,7 @@ class Rod(BaseStructure):
         count = lengths.size
         natural = np.zeros((count + 1, 3)) if self.natural is None else self.natural
         natural = finite_array("natural", natural, (count + 1, 3))
-        strains = tuple(getattr(self.law, "strains", ()))
-        if strains != ("curvature_1", "curvature_2", "twist"):
-            raise InvalidInput(
-                f"argument `law` is {self.law!r}; a rod needs a law of the strains curvature_1, "
-                "curvature_2 and twist, such as rods.Kirchhoff"
-            )
-        rows = getattr(self.law, "count", None)
-        if rows is not None and rows != count + 1:
-            raise InvalidInput(
-                f"argument `law` holds values for {rows} nodes; the rod has {count + 1}"
-            )
+        _check_law(self.law, count)
         object.__setattr__(self, "lengths", _frozen(lengths))
         object.__setattr__(self, "natural", _frozen(natural))
         object.__setattr__(self, "joint", finite("joint", self.joint))
@@ -223,14 +191,7 @@ class Rod(BaseStructure):
         if self.phase is not None:
             object.__setattr__(self, "phase", integer_at_least("phase", self.phase, 2))
         initial = self._natural_shape() if self.initial is None else self.initial
-        if not isinstance(initial, RodState):
-            raise InvalidInput(
-                f"argument `initial` is of type {type(initial).__name__}; pass a RodState"
-            )
-        if initial.quaternions.shape != (count, 4):
-            raise InvalidInput(
-                f"argument `initial` has {initial.quaternions.shape[0]} segments; the rod has {count}"
-            )
+        _check_state("initial", initial, count)
         object.__setattr__(self, "initial", initial)
 
     def _natural_shape(self) -> RodState:
@@ -243,6 +204,19 @@ class Rod(BaseStructure):
             frames[j] = multiply(frames[j - 1], turns[j - 1])
         frames /= np.sqrt(np.sum(frames**2, axis=1))[:, None]
         return RodState(frames)
+
+    def _with(self, **changes: Any) -> Rod:
+        """Return this rod with fields changed to values that have been checked.
+
+        What was derived goes along; it is used where it still holds.
+        """
+        new = object.__new__(Rod)
+        for item in fields(self):
+            object.__setattr__(new, item.name, changes.get(item.name, getattr(self, item.name)))
+        for name in ("_skeleton", "_normal", "_body_normal", "_dead"):
+            if name in self.__dict__:
+                new.__dict__[name] = self.__dict__[name]
+        return new
 
     # ---- supports ------------------------------------------------------------------------------
 
@@ -268,7 +242,7 @@ class Rod(BaseStructure):
     def _supported(self, support: Support) -> Rod:
         others = [s for s in self.supports if s.node != support.node]
         ordered = tuple(sorted([*others, support], key=lambda s: s.node))
-        return replace(self, supports=ordered)
+        return self._with(supports=ordered)
 
     def _position_at_rest(self, node: int) -> tuple[float, float, float]:
         x, y, z = self.positions(self.initial)[node]
@@ -377,7 +351,7 @@ class Rod(BaseStructure):
     def freed(self, where: str | int) -> Rod:
         """Return this rod without the support of a node."""
         node = self._node(where)
-        return replace(self, supports=tuple(s for s in self.supports if s.node != node))
+        return self._with(supports=tuple(s for s in self.supports if s.node != node))
 
     # ---- loads ---------------------------------------------------------------------------------
 
@@ -447,13 +421,14 @@ class Rod(BaseStructure):
                         f"({count + 1}, 3)"
                     )
                 density = _frozen(density)
-        return replace(self, loads=Loads(points, density, pairs))
+        return self._with(loads=Loads(points, density, pairs))
 
     # ---- other changes -------------------------------------------------------------------------
 
     def with_law(self, law: Any) -> Rod:
         """Return this rod of another material."""
-        return replace(self, law=law)
+        _check_law(law, self.lengths.size)
+        return self._with(law=law)
 
     def with_natural(
         self, *, curvature_1: Any = None, curvature_2: Any = None, twist: Any = None
@@ -472,7 +447,7 @@ class Rod(BaseStructure):
                     f"the {natural.shape[0]} nodes"
                 )
             natural[:, k] = array
-        return replace(self, natural=natural)
+        return self._with(natural=_frozen(natural))
 
     def with_overcurvature(self, overcurvature: float) -> Rod:
         r"""Return this ring with the natural curvature :math:`O\,2\pi/L` in its plane.
@@ -490,8 +465,12 @@ class Rod(BaseStructure):
         value = finite("overcurvature", overcurvature)
         if not self.closed:
             raise InvalidInput("only a closed rod has an overcurvature; pass natural curvatures")
-        normal = self._plane_normal()
-        body = rotate(conjugate(self.initial.quaternions), normal)
+        found = self.__dict__.get("_body_normal")
+        if found is None or found[0] is not self.initial:
+            normal = plane_normal(self)
+            found = (self.initial, rotate(conjugate(self.initial.quaternions), normal))
+            self.__dict__["_body_normal"] = found
+        body = found[1]
         if np.max(np.abs(body - body[0])) > 1e-6:
             raise InvalidInput(
                 "the initial state is twisted: the normal of the plane of the ring is not along one "
@@ -499,21 +478,8 @@ class Rod(BaseStructure):
             )
         curvature = 2.0 * math.pi * value / self.length * body[0]
         curvature[np.abs(curvature) < 1e-14 * abs(value) * math.pi / self.length] = 0.0
-        return replace(self, natural=np.tile(curvature, (self.lengths.size + 1, 1)))
-
-    def _plane_normal(self) -> Array:
-        """Return the unit normal of a plane closed rod, which it circles counterclockwise."""
-        nodes = self.positions(self.initial)[:-1]
-        nodes = nodes - nodes.mean(axis=0)
-        area = np.sum(np.cross(nodes, np.roll(nodes, -1, axis=0)), axis=0)
-        size = float(np.linalg.norm(area))
-        normal = area / size if size > 0.0 else np.zeros(3)
-        if not size > 0.0 or np.max(np.abs(nodes @ normal)) > 1e-6 * self.length:
-            raise InvalidInput(
-                "the initial state is not a plane ring; pass one with `with_initial`, or give natural "
-                "curvatures with `with_natural`"
-            )
-        return normal
+        natural = np.tile(curvature, (self.lengths.size + 1, 1))
+        return self._with(natural=_frozen(natural))
 
     def with_phase(self, lobes: int | None) -> Rod:
         r"""Return this ring with the place of its lobes pinned, or free (None).
@@ -534,11 +500,13 @@ class Rod(BaseStructure):
         lobes : int or None
             k, at least 2.
         """
-        return replace(self, phase=lobes)
+        if lobes is not None:
+            lobes = integer_at_least("lobes", lobes, 2)
+        return self._with(phase=lobes)
 
     def with_initial(self, state: RodState) -> Rod:
         """Return this rod with another starting state. Supports stay where they are."""
-        return replace(self, initial=state)
+        return self._with(initial=_check_state("state", state, self.lengths.size))
 
     # ---- geometry ------------------------------------------------------------------------------
 
@@ -576,9 +544,9 @@ class Rod(BaseStructure):
     # ---- the derived layout --------------------------------------------------------------------
 
     @cached_property
-    def layout(self) -> _Layout:
+    def layout(self) -> Layout:
         """What the kernels need, derived once."""
-        return _derive(self)
+        return derive(self)
 
     @property
     def size(self) -> int:
@@ -605,19 +573,6 @@ class Rod(BaseStructure):
 
     # ---- the manifold --------------------------------------------------------------------------
 
-    def _check(self, state: Any) -> RodState:
-        if not isinstance(state, RodState):
-            raise InvalidInput(
-                f"argument `start` is of type {type(state).__name__}; pass a RodState, for example the "
-                "state of an equilibrium"
-            )
-        if state.quaternions.shape[0] != self.lengths.size:
-            raise InvalidInput(
-                f"argument `start` has {state.quaternions.shape[0]} segments; this rod has "
-                f"{self.lengths.size}"
-            )
-        return state
-
     def start(self) -> RodState:
         """Return the initial state, bent as smoothly as can be so that it meets its supports."""
         return reach_supports(self, self.adopt(self.initial))
@@ -628,7 +583,7 @@ class Rod(BaseStructure):
         Where prescribed frames have turned since the state was made, the turn is spread over the
         rod between them, linearly in arc length.
         """
-        state = self._check(state)
+        _check_state("start", state, self.lengths.size)
         layout = self.layout
         quaternions = state.quaternions
         now = layout.fixed
@@ -746,7 +701,7 @@ class Rod(BaseStructure):
         fixed = self.held or any(s.kind == "clamped" for s in self.supports)
         if fixed and not self.isotropic:
             return np.zeros((0, self.size))
-        return _neutral_rotations(self, state)
+        return neutral_rotations(self, state)
 
     @cached_property
     def isotropic(self) -> bool:
@@ -864,156 +819,6 @@ class Rod(BaseStructure):
         )
 
 
-def reach_supports(rod: Rod, state: RodState) -> RodState:
-    """Return a state near `state` that meets the constraints, if one is found.
-
-    Where hinges are far from their natural angles (a ring that is not closed yet, a clamp that has
-    turned) the angles are evened out first. Then come Newton steps of least elastic work; where the
-    rod is so straight that turning its segments does not bring its ends nearer, it is bent before.
-    """
-    layout = rod.layout
-    plan = layout.plan
-    m = plan.rows.shape[0]
-    zero, none = np.zeros(m), np.zeros(rod.size)
-    angle, _, _ = _evened(rod, state)
-    if np.max(np.abs(angle)) > 0.5:
-        state = _even_out(rod, state)
-    if m == 0:
-        return state
-    violation = rod.evaluate(state, zero, 0).constraints
-    bent = False
-    for _ in range(60):
-        size = float(np.linalg.norm(violation))
-        if size <= 1e-9 * rod.length:
-            break
-        kkt = _unstressed(rod, state)
-        rows = kkt.jacobian_rows() / np.sqrt(layout.metric)
-        # A turn by dx (root mean square) moves the ends by about |rows| dx: is it enough?
-        grip = np.linalg.svd(rows / math.sqrt(rod.length), compute_uv=False)[-1]
-        if grip < 0.1 and not bent:
-            bent = True
-            middle = 0.5 * (rod.arclength[:-1] + rod.arclength[1:]) / rod.length
-            bend = np.zeros(rod.size)
-            columns = plan.column[: rod.lengths.size]
-            free = columns >= 0
-            share = math.sqrt(min(1.0, size / rod.length))
-            bend[columns[free] + _softer(rod)] = share * np.sin(2.0 * math.pi * middle[free])
-            state = rod.retract(state, bend * rod.max_step(state, bend))
-            violation = rod.evaluate(state, zero, 0).constraints
-            continue
-        try:
-            factor = kkt.factorize(1.0 / rod.length**2, None, layout.metric, 1e-4 * rod.length**3)
-            step = factor.solve(none, -violation)[0]
-        except FactorizationError:
-            break
-        fraction = min(rod.max_step(state, step), 0.7 / max(float(np.max(np.abs(step))), 0.7))
-        while fraction > 1e-4:
-            trial = rod.retract(state, fraction * step)
-            left = rod.evaluate(trial, zero, 0).constraints
-            if np.linalg.norm(left) < (1.0 - 0.1 * fraction) * size:
-                break
-            fraction *= 0.5
-        else:
-            break
-        state, violation = trial, left
-    return state
-
-
-def _evened(rod: Rod, state: RodState) -> tuple[Array, Array, float]:
-    """Return excess angles of the hinges, and gradient and value of their squares over lengths."""
-    layout = rod.layout
-    plan = layout.plan
-    n = plan.left.size
-    frames = rod.frames(state)
-    q, angle = np.empty((n, 4)), np.empty((n, 3))
-    _kernel.hinge_rotations(frames, plan, q, angle)
-    measure_all(CODES["angle"], q, angle)
-    angle -= layout.plan.natural * plan.span[:, None]
-    stress = angle / plan.span[:, None]
-    value = 0.5 * float(np.sum(stress * angle))
-    pull_back_all(CODES["angle"], q, stress, np.zeros((0, 3, 3)), 1)
-    gradient = np.empty(plan.length + layout.border)
-    m = plan.rows.shape[0]
-    _kernel.assemble(
-        frames, state.stretches, state.angles, q, np.zeros(n), stress, np.zeros((0, 3, 3)),
-        _without_loads(plan), np.zeros(m), gradient, np.empty((0, layout.width + 1)),
-        np.empty((0, layout.border)), np.empty((layout.border, layout.border)), np.empty(m), 1,
-    )  # fmt: skip
-    return angle, gradient[: rod.size], value
-
-
-def _even_out(rod: Rod, state: RodState) -> RodState:
-    """Return a state with hinges nearer to their natural angles, by Gauss and Newton's method.
-
-    Constraints count as springs.
-    """
-    zero = np.zeros(rod.constraints_count)
-    soft = 1e-3 * rod.length**3
-
-    def merit(state: RodState) -> tuple[float, Array, Array]:
-        violation = rod.evaluate(state, zero, 0).constraints
-        _, gradient, value = _evened(rod, state)
-        return value + 0.5 * float(violation @ violation) / soft, gradient, violation
-
-    value, gradient, violation = merit(state)
-    for _ in range(40):
-        try:
-            factor = _unstressed(rod, state).factorize(
-                0.1 / rod.length**2, None, rod.layout.metric, soft
-            )
-            step = factor.solve(-gradient, -violation)[0]
-        except FactorizationError:
-            break
-        fraction = min(rod.max_step(state, step), 0.7 / max(float(np.max(np.abs(step))), 0.7))
-        while fraction > 1e-3:
-            trial = rod.retract(state, fraction * step)
-            new = merit(trial)
-            if new[0] < value:
-                break
-            fraction *= 0.5
-        else:
-            break
-        done = new[0] > 0.99 * value
-        state, (value, gradient, violation) = trial, new
-        if done:
-            break
-    return state
-
-
-def _without_loads(plan: _kernel.Plan) -> _kernel.Plan:
-    return plan._replace(
-        dead=np.zeros_like(plan.dead), moments=np.zeros_like(plan.moments), arms=np.zeros((0, 7))
-    )
-
-
-def _softer(rod: Rod) -> int:
-    """Return the director about which the rod bends more easily: 0 or 1."""
-    layout = rod.layout
-    stiffness = layout.law.evaluate(np.zeros((layout.nodes.size, 3)), 2)[2]
-    return int(np.argmin(np.mean(stiffness[:, [0, 1], [0, 1]], axis=0)))
-
-
-def _unstressed(rod: Rod, state: RodState) -> ChainKKT:
-    """Return the KKT matrix of hinges without stress, of unit stiffness."""
-    layout = rod.layout
-    plan = layout.plan
-    n = plan.left.size
-    stiffness = np.ascontiguousarray(np.broadcast_to(np.eye(3), (n, 3, 3)))
-    m = plan.rows.shape[0]
-    frames = rod.frames(state)
-    q, kappa = np.empty((n, 4)), np.empty((n, 3))
-    _kernel.hinge_rotations(frames, plan, q, kappa)
-    band = np.empty((plan.length, layout.width + 1))
-    border = np.empty((plan.length, layout.border))
-    corner = np.empty((layout.border, layout.border))
-    _kernel.assemble(
-        frames, state.stretches, state.angles, q, np.zeros(n), np.zeros((n, 3)), stiffness,
-        _without_loads(plan), np.zeros(m), np.empty(plan.length + layout.border), band, border,
-        corner, np.empty(m), 2,
-    )  # fmt: skip
-    return ChainKKT(band, border.T, corner, layout=layout.chain)
-
-
 def _rotation_of(density: Array, spans: Array, measure: str) -> Array:
     """Return the rotations (quaternions) of hinges at given strain densities."""
     try:
@@ -1025,352 +830,26 @@ def _rotation_of(density: Array, spans: Array, measure: str) -> Array:
         ) from error
 
 
-def internal_forces(rod: Rod, multipliers: Array) -> Array:
-    """Return the internal force on each segment, shape (N, 3): of what lies beyond on what is before."""
-    layout = rod.layout
-    forces = np.array(layout.plan.dead)
-    plan = layout.plan
-    for value, (k, first, last) in zip(multipliers, plan.rows, strict=True):
-        if k < 3:
-            forces[first:last, k] -= value
-        else:
-            forces -= value * plan.phase[:, None] * plan.normal
-    return forces
+def _check_law(law: Any, count: int) -> None:
+    strains = tuple(getattr(law, "strains", ()))
+    if strains != ("curvature_1", "curvature_2", "twist"):
+        raise InvalidInput(
+            f"argument `law` is {law!r}; a rod needs a law of the strains curvature_1, curvature_2 and "
+            "twist, such as rods.Kirchhoff"
+        )
+    rows = getattr(law, "count", None)
+    if rows is not None and rows != count + 1:
+        raise InvalidInput(f"argument `law` holds values for {rows} nodes; the rod has {count + 1}")
 
 
-def _neutral_rotations(rod: Rod, state: RodState) -> Array:
-    """Return rotations (and spins of the sections) that change neither energy nor constraints.
-
-    A motion is (omega, spin): it turns everything by omega in space, and every section by -spin about
-    its d3. Segment j then turns by R_j^T omega - spin e3 in its own directors.
-    """
-    layout = rod.layout
-    plan = layout.plan
-    conditions: list[Array] = []
-
-    def turns(rows: Array) -> None:
-        for row in np.atleast_2d(rows):
-            conditions.append(np.append(row, 0.0))
-
-    spin = np.array([0.0, 0.0, 0.0, 1.0])
-    if not rod.isotropic:
-        conditions.append(spin)
-    loads = np.unique(layout.plan.dead, axis=0)
-    for force in loads[np.any(loads != 0.0, axis=1)]:
-        turns(_cross_matrix(force / np.linalg.norm(force)))
-    places = rod.positions(state)
-    for node, (k, _, _) in zip(layout.row_nodes, plan.rows, strict=True):
-        if node < 0:
-            continue  # closure: a rotation leaves it
-        anchor = layout.anchors[k]
-        assert anchor is not None
-        arm = places[node] - places[anchor[0]]
-        size = float(np.linalg.norm(arm))
-        if size <= REACH * rod.length:
-            continue
-        unit = np.eye(3)[k]
-        row = np.cross(arm / size, unit)
-        if np.linalg.norm(row) > 1e-9:
-            turns(row)
-        else:  # the component is at its extreme: every turn of the arm counts
-            turns(_cross_matrix(unit))
-    for j, force, arm in rod.couples:
-        # Other turns than those about the force are neutral to first order at best.
-        turns(_cross_matrix(force / np.linalg.norm(force)))
-        turned = rotate(state.quaternions[j], arm)
-        row = np.cross(turned, force)
-        if np.linalg.norm(row) > 0.0:
-            turns(row / np.linalg.norm(row))
-        if np.any(arm[:2]):
-            conditions.append(spin)
-    frames = rod.frames(state)
-    held = [0] if rod.held else []
-    for f in [*held, *layout.segment_of, *range(rod.lengths.size, frames.shape[0])]:
-        body = np.column_stack([to_matrix(frames[f]).T, [0.0, 0.0, -1.0]])
-        if plan.turning[f]:
-            axis = plan.axis[f]
-            k = int(plan.column[f]) - plan.first_angle
-            if not layout.plan.moments[k]:
-                body = (np.eye(3) - np.outer(axis, axis)) @ body
-        conditions.extend(body)
-    basis = np.eye(4)
-    if conditions:
-        _, sizes, vectors = np.linalg.svd(np.array(conditions))
-        basis = vectors[int(np.count_nonzero(sizes > 1e-7)) :]
-    rows = np.zeros((basis.shape[0], rod.size))
-    if not basis.size:
-        return rows
-    columns = plan.column[: rod.lengths.size]
-    free = columns >= 0
-    matrices = to_matrix(state.quaternions)
-    for row, motion in zip(rows, basis, strict=True):
-        body = np.einsum("jab,a->jb", matrices, motion[:3])
-        body[:, 2] -= motion[3]
-        row[columns[free][:, None] + np.arange(3)] = body[free]
-        for i, k in enumerate(layout.hinged):
-            f = rod.lengths.size + int(k)
-            turn = to_matrix(frames[f]).T @ motion[:3]
-            turn[2] -= motion[3]
-            row[plan.first_angle + i] = float(plan.axis[f] @ turn)
-    if not rod.isotropic:
-        return rows
-    # A straight rod that turns and spins back about its axis does not move at all.
-    root = np.sqrt(layout.metric / rod.length)
-    turn, sizes, _ = np.linalg.svd(rows * root, full_matrices=False)
-    return turn.T[sizes > 1e-6] @ rows
-
-
-def _cross_matrix(v: Array) -> Array:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def _derive(rod: Rod) -> _Layout:
-    """Derive the layout of a rod, and refuse what has no equilibrium."""
-    lengths, count = rod.lengths, rod.lengths.size
-    by_node = {s.node: s for s in rod.supports}
-    frames = [s for s in rod.supports if s.frame is not None]
-    index = {s.node: count + i for i, s in enumerate(frames)}
-    fixed = np.array([s.frame for s in frames]).reshape(-1, 4)
-    hinged = np.array([i for i, s in enumerate(frames) if s.kind == "hinged"], dtype=np.int64)
-
-    # hinges: (left, right, length, node, arc length)
-    s_nodes = rod.arclength
-    hinges: list[tuple[int, int, float, int]] = []
-    simple = np.ones(count + 1, dtype=bool)
-    segment_of: dict[int, int] = {}
-    for node, support in by_node.items():
-        if support.frame is not None:
-            simple[node] = False
-            if support.clamp == "two-node":
-                segment_of[0 if node == 0 else count - 1] = index[node] - count
-    simple[0] = simple[count] = False
-    inner = np.flatnonzero(simple)
-    table = [
-        np.stack([inner - 1, inner], axis=1),
-        0.5 * (lengths[inner - 1] + lengths[inner]),
-        inner,
-    ]
-    for node, support in by_node.items():
-        if support.frame is None or support.clamp == "two-node":
-            continue
-        f = index[node]
-        before, after = node - 1, node
-        if rod.closed:
-            before = (node - 1) % count
-        if before >= 0:
-            hinges.append((before, f, 0.5 * lengths[before], node))
-        if after < count:
-            hinges.append((f, after, 0.5 * lengths[after], node))
-    joint_supported = rod.closed and 0 in by_node and by_node[0].frame is not None
-    if rod.closed and not joint_supported:
-        hinges.append((count - 1, 0, 0.5 * (lengths[-1] + lengths[0]), 0))
-    pairs = np.concatenate(
-        [table[0], np.array([h[:2] for h in hinges], dtype=np.int64).reshape(-1, 2)]
-    )
-    span = np.concatenate([table[1], [h[2] for h in hinges]])
-    nodes = np.concatenate([table[2], np.array([h[3] for h in hinges], dtype=np.int64)])
-    order = np.lexsort((np.where(pairs[:, 0] < count, 0, 1), nodes))
-    if rod.closed:  # the joint comes last
-        order = np.concatenate([order[nodes[order] != 0], order[nodes[order] == 0]])
-    pairs, span, nodes = pairs[order], span[order], nodes[order].astype(np.int64)
-    twist = np.zeros((span.size, 2))
-    twist[:, 0] = 1.0
-    if rod.closed:
-        half = 0.5 * rod.joint
-        at_joint = pairs[:, 1] == 0
-        twist[at_joint] = math.cos(half), math.sin(half)
-
-    # unknowns
-    prescribed = set(segment_of)
-    if rod.held:
-        prescribed.add(0)
-    in_border = rod.closed and 0 not in prescribed
-    extensible = rod.stretching is not None
-    per = 4 if extensible else 3
-    column = np.full(count + len(frames), -1, dtype=np.int64)
-    stretch = np.full(count, -1, dtype=np.int64)
-    chain = [j for j in range(count) if j not in prescribed and not (in_border and j == 0)]
-    chain_array = np.array(chain, dtype=np.int64)
-    column[chain_array] = per * np.arange(chain_array.size)
-    length = per * chain_array.size
-    if extensible:
-        stretch[chain_array] = column[chain_array] + 3
-    if length == 0:
-        raise InvalidInput("the supports leave no segment free; use more segments")
-    place = length
-    if in_border:
-        column[0] = place
-        place += 3
-        if extensible:
-            stretch[0] = place
-            place += 1
-    elif rod.held and extensible:
-        stretch[0] = place
-        place += 1
-    first_angle = place
-    axis = np.zeros((column.size, 3))
-    turning = np.zeros(column.size, dtype=np.int64)
-    axes, moments = np.zeros((hinged.size, 3)), np.zeros(hinged.size)
-    for i, k in enumerate(hinged):
-        support = frames[k]
-        assert support.axis is not None
-        assert support.frame is not None
-        f = count + int(k)
-        column[f] = place
-        place += 1
-        turning[f] = 1
-        axes[i], moments[i] = support.axis, support.moment
-        axis[f] = rotate(conjugate(support.frame), support.axis)
-
-    # positions
-    rows: list[tuple[int, int, int]] = []
-    targets: list[float] = []
-    row_nodes: list[int] = []
-    anchors: list[tuple[int, float] | None] = []
-    if rod.closed:
-        for k in range(3):
-            rows.append((k, 0, count))
-            targets.append(0.0)
-            row_nodes.append(-1)
-    for k in range(3):
-        anchor: tuple[int, float] | None = None
-        for support in rod.supports:
-            value = support.position[k]
-            if value is None:
-                continue
-            if anchor is None:
-                anchor = (support.node, value)
-            else:
-                rows.append((k, anchor[0], support.node))
-                targets.append(value - anchor[1])
-                row_nodes.append(support.node)
-        anchors.append(anchor)
-    _check_reach(rod)
-    weights, normal = np.zeros(count), np.zeros(3)
-    if rod.pinned_phase is not None:
-        rows.append((3, 0, count))
-        targets.append(0.0)
-        row_nodes.append(-1)
-        middle = 0.5 * (s_nodes[:-1] + s_nodes[1:])
-        weights = np.sin(2.0 * math.pi * rod.pinned_phase * (middle - middle[0]) / rod.length)
-        normal = _phase_normal(rod)
-
-    # loads
-    forces = rod.loads.forces(lengths, rod.closed)
-    dead = _dead_forces(rod, forces, anchors)
-    arms = np.array(
-        [[j, *f, *a] for j, (f, a) in rod.loads.couples.items() if np.any(f) and np.any(a)]
-    ).reshape(-1, 7)
-    m = len(rows)
-    law = rod.law.at(nodes) if getattr(rod.law, "count", None) is not None else rod.law
-    compiled = getattr(law, "kernel", None) is not None
-    plan = _kernel.Plan(
-        left=np.ascontiguousarray(pairs[:, 0]),
-        right=np.ascontiguousarray(pairs[:, 1]),
-        span=span,
-        twist=twist,
-        column=column,
-        axis=axis,
-        turning=turning,
-        lengths=lengths,
-        rows=np.array(rows, dtype=np.int64).reshape(-1, 3),
-        phase=weights,
-        normal=normal,
-        stretch_column=stretch,
-        arms=arms,
-        natural=np.ascontiguousarray(rod.natural[nodes]),
-        dead=dead,
-        targets=np.array(targets),
-        moments=moments,
-        length=length,
-        first_angle=first_angle,
-        stiffness=-1.0 if rod.stretching is None else float(rod.stretching),
-    )
-    border = place - length + m
-    metric = np.empty(place)
-    columns = column[:count]
-    free = columns >= 0
-    metric[columns[free][:, None] + np.arange(3)] = lengths[free][:, None]
-    metric[stretch[stretch >= 0]] = lengths[stretch >= 0]
-    for i, k in enumerate(hinged):
-        near = span[(pairs[:, 0] == count + k) | (pairs[:, 1] == count + k)]
-        metric[first_angle + i] = float(np.sum(near))
-    return _Layout(
-        plan=plan,
-        nodes=nodes,
-        arclength=s_nodes[nodes],
-        law=law,
-        fixed=fixed,
-        hinged=hinged,
-        turning_axes=axes,
-        anchors=tuple(anchors),
-        row_nodes=np.array(row_nodes, dtype=np.int64),
-        evaluate_into=law.evaluate_into if compiled else None,
-        net_force=np.sum(forces, axis=0) if np.any(np.sum(forces, axis=0)) else None,
-        node_forces=forces,
-        chain=ChainLayout(length, np.arange(place), np.arange(place, place + m), border),
-        width=2 * per - 1 if not extensible else 6,
-        border=border,
-        metric=_frozen(metric),
-        segment_of=segment_of,
-    )
-
-
-def _phase_normal(rod: Rod) -> Array:
-    """Return a direction across the first segment: off the plane of a plane ring, or along d1."""
-    try:
-        return rod._plane_normal()
-    except InvalidInput:
-        return rotate(rod.initial.quaternions[0], [1.0, 0.0, 0.0])
-
-
-def _dead_forces(rod: Rod, forces: Array, anchors: list[tuple[int, float] | None]) -> Array:
-    """Return for each segment the sum of the dead forces beyond it, or minus those before it."""
-    count = rod.lengths.size
-    total = np.sum(forces, axis=0)
-    size = np.sum(np.abs(forces), axis=0)
-    dead = np.empty((count, 3))
-    for k in range(3):
-        anchor = anchors[k]
-        if anchor is None and abs(total[k]) > 1e-12 * size[k]:
-            raise InvalidInput(
-                f"the dead loads add up to a force of {total[k]:.6g} along {'xyz'[k]}, and nothing "
-                "holds the rod in this direction; pin or clamp a node, or balance the loads"
-            )
-        node = 0 if anchor is None else anchor[0]
-        before = np.cumsum(forces[:-1, k])
-        beyond = np.cumsum(forces[:0:-1, k])[::-1]
-        dead[:, k] = np.where(np.arange(count) >= node, beyond, -before)
-    return dead
-
-
-def _check_reach(rod: Rod) -> None:
-    """Refuse supports farther from each other than an inextensible rod is long."""
-    if rod.stretching is not None:
-        return
-    for i, a in enumerate(rod.supports):
-        for b in rod.supports[:i]:
-            square = 0.0
-            full = True
-            for u, v in zip(a.position, b.position, strict=True):
-                if u is None or v is None:
-                    full = False
-                else:
-                    square += (u - v) ** 2
-            distance = math.sqrt(square)
-            reach = float(rod.arclength[a.node] - rod.arclength[b.node])
-            if rod.closed:
-                reach = min(reach, rod.length - reach)
-            if distance > reach * (1.0 + REACH):
-                raise InvalidInput(
-                    f"the supports of nodes {b.node} and {a.node} are {distance:.9g} apart, and the "
-                    f"rod between them is {reach:.9g} long: it is inextensible; bring them nearer, or "
-                    "give it a `stretching` stiffness"
-                )
-            if full and distance > reach * (1.0 - REACH):
-                raise InvalidInput(
-                    f"the supports of nodes {b.node} and {a.node} are {distance:.9g} apart, just as "
-                    "long as the rod between them: it is inextensible, and its tension would be "
-                    "undetermined; bring them nearer, leave a component of the position free, or "
-                    "give it a `stretching` stiffness"
-                )
+def _check_state(name: str, state: Any, count: int) -> RodState:
+    if not isinstance(state, RodState):
+        raise InvalidInput(
+            f"argument `{name}` is of type {type(state).__name__}; pass a RodState, for example the "
+            "state of an equilibrium"
+        )
+    if state.quaternions.shape[0] != count:
+        raise InvalidInput(
+            f"argument `{name}` has {state.quaternions.shape[0]} segments; the rod has {count}"
+        )
+    return state

@@ -1,0 +1,446 @@
+"""Where hinges, unknowns and constraints of a rod are, and the values that its supports give them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidInput
+from ..factorization import ChainLayout
+from . import _kernel
+from .quaternions import conjugate, rotate
+
+if TYPE_CHECKING:
+    from ._structure import Rod
+
+__all__ = ["REACH", "Layout", "derive", "internal_forces", "plane_normal"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Distances are compared to this fraction of the length.
+REACH = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """What depends on the mesh and on the kinds of supports, but not on their values."""
+
+    lengths: Array  # these three tell for which rods it holds
+    initial: Any
+    key: tuple[Any, ...]
+    left: Integers
+    right: Integers
+    span: Array
+    twist: Array
+    nodes: Integers  # of the hinges
+    arclength: Array  # of the hinges
+    column: Integers
+    stretch: Integers
+    turning: Integers
+    hinged: Integers  # which of the frames of supports turn
+    rows: Integers
+    row_nodes: Integers  # node of each constraint; -1 for closure and phase
+    anchors: tuple[int | None, ...]  # by component: node
+    phase: Array
+    normal: Array
+    chain: ChainLayout
+    length: int
+    first_angle: int
+    width: int
+    border: int
+    metric: Array
+    segment_of: dict[int, int]  # prescribed segments: index of the support
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The skeleton with the values of a rod."""
+
+    skeleton: Skeleton
+    plan: _kernel.Plan
+    law: Any
+    evaluate_into: Any  # of a compiled law
+    fixed: Array  # frames of supports, (S, 4); hinged ones at the angle zero
+    turning_axes: Array  # spatial axes of the hinged ones
+    anchors: tuple[tuple[int, float] | None, ...]  # by component: node and position
+    node_forces: Array  # (N + 1, 3)
+    net_force: Array | None  # sum of all dead forces, if it is not zero
+
+    @property
+    def nodes(self) -> Integers:
+        """Nodes of the hinges."""
+        return self.skeleton.nodes
+
+    @property
+    def arclength(self) -> Array:
+        """Arc lengths of the hinges."""
+        return self.skeleton.arclength
+
+    @property
+    def hinged(self) -> Integers:
+        """Which of the frames of supports turn."""
+        return self.skeleton.hinged
+
+    @property
+    def row_nodes(self) -> Integers:
+        """Node of each constraint; -1 for closure and phase."""
+        return self.skeleton.row_nodes
+
+    @property
+    def chain(self) -> ChainLayout:
+        """Places of unknowns and constraints."""
+        return self.skeleton.chain
+
+    @property
+    def width(self) -> int:
+        """Half bandwidth."""
+        return self.skeleton.width
+
+    @property
+    def border(self) -> int:
+        """Number of border rows."""
+        return self.skeleton.border
+
+    @property
+    def metric(self) -> Array:
+        """Masses of the unknowns."""
+        return self.skeleton.metric
+
+    @property
+    def segment_of(self) -> dict[int, int]:
+        """Prescribed segments, and which of the frames of supports each has."""
+        return self.skeleton.segment_of
+
+
+def key_of(rod: Rod) -> tuple[Any, ...]:
+    """Return what a skeleton depends on."""
+    supports = tuple(
+        (s.node, s.kind, s.clamp, s.frame is None, tuple(v is None for v in s.position))
+        for s in rod.supports
+    )
+    return rod.closed, rod.joint, rod.stretching is None, supports, rod.held, rod.pinned_phase
+
+
+def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
+    """Number hinges, unknowns and constraints."""
+    lengths, count = rod.lengths, rod.lengths.size
+    frames = [s for s in rod.supports if s.frame is not None]
+    index = {s.node: count + i for i, s in enumerate(frames)}
+    hinged = np.array([i for i, s in enumerate(frames) if s.kind == "hinged"], dtype=np.int64)
+    segment_of = {
+        (0 if s.node == 0 else count - 1): i for i, s in enumerate(frames) if s.clamp == "two-node"
+    }
+
+    # hinges: those between segments, those at frames of supports, that at the joint
+    simple = np.ones(count + 1, dtype=bool)
+    simple[[0, count, *index]] = False
+    inner = np.flatnonzero(simple)
+    extra: list[tuple[int, int, float, int]] = []
+    for support in frames:
+        node = support.node
+        if support.clamp == "two-node":
+            continue
+        f = index[node]
+        before = (node - 1) % count if rod.closed else node - 1
+        if before >= 0:
+            extra.append((before, f, 0.5 * lengths[before], node))
+        if node < count:
+            extra.append((f, node, 0.5 * lengths[node], node))
+    if rod.closed and 0 not in index:
+        extra.append((count - 1, 0, 0.5 * (lengths[-1] + lengths[0]), 0))
+    more = np.array([e[:2] for e in extra], dtype=np.int64).reshape(-1, 2)
+    pairs = np.concatenate([np.stack([inner - 1, inner], axis=1), more])
+    span = np.concatenate([0.5 * (lengths[inner - 1] + lengths[inner]), [e[2] for e in extra]])
+    nodes = np.concatenate([inner, np.array([e[3] for e in extra], dtype=np.int64)])
+    order = np.lexsort((np.where(pairs[:, 0] < count, 0, 1), nodes))
+    if rod.closed:  # the joint comes last
+        order = np.concatenate([order[nodes[order] != 0], order[nodes[order] == 0]])
+    pairs, span, nodes = pairs[order], span[order], nodes[order].astype(np.int64)
+    twist = np.zeros((span.size, 2))
+    twist[:, 0] = 1.0
+    if rod.closed:
+        twist[pairs[:, 1] == 0] = math.cos(0.5 * rod.joint), math.sin(0.5 * rod.joint)
+
+    # unknowns: segments in the band; the first segment of a ring, stretches of a held one and the
+    # angles of hinged supports in the border
+    extensible = rod.stretching is not None
+    per = 4 if extensible else 3
+    in_border = rod.closed and not rod.held
+    column = np.full(count + len(frames), -1, dtype=np.int64)
+    stretch = np.full(count, -1, dtype=np.int64)
+    free = np.ones(count, dtype=bool)
+    free[list(segment_of)] = False
+    if rod.closed:
+        free[0] = False
+    chain = np.flatnonzero(free)
+    column[chain] = per * np.arange(chain.size)
+    length = per * chain.size
+    if length == 0:
+        raise InvalidInput("the supports leave no segment free; use more segments")
+    if extensible:
+        stretch[chain] = column[chain] + 3
+    place = length
+    if in_border:
+        column[0] = place
+        place += 3
+    if rod.closed and extensible:
+        stretch[0] = place
+        place += 1
+    first_angle = place
+    turning = np.zeros(column.size, dtype=np.int64)
+    for k in hinged:
+        column[count + int(k)] = place
+        turning[count + int(k)] = 1
+        place += 1
+
+    # constraints
+    rows: list[tuple[int, int, int]] = []
+    row_nodes: list[int] = []
+    anchors: list[int | None] = []
+    if rod.closed:
+        rows += [(k, 0, count) for k in range(3)]
+        row_nodes += [-1, -1, -1]
+    for k in range(3):
+        held = [s.node for s in rod.supports if s.position[k] is not None]
+        anchors.append(held[0] if held else None)
+        rows += [(k, held[0], node) for node in held[1:]]
+        row_nodes += held[1:]
+    phase, normal = np.zeros(count), np.zeros(3)
+    if rod.pinned_phase is not None:
+        rows.append((3, 0, count))
+        row_nodes.append(-1)
+        middle = 0.5 * (rod.arclength[:-1] + rod.arclength[1:])
+        phase = np.sin(2.0 * math.pi * rod.pinned_phase * (middle - middle[0]) / rod.length)
+        try:
+            normal = plane_normal(rod)
+        except InvalidInput:  # any direction across the first segment will do
+            normal = rotate(rod.initial.quaternions[0], [1.0, 0.0, 0.0])
+    m = len(rows)
+
+    metric = np.empty(place)
+    moving = column[:count] >= 0
+    metric[column[:count][moving][:, None] + np.arange(3)] = lengths[moving][:, None]
+    metric[stretch[stretch >= 0]] = lengths[stretch >= 0]
+    for i, k in enumerate(hinged):
+        near = (pairs[:, 0] == count + k) | (pairs[:, 1] == count + k)
+        metric[first_angle + i] = float(np.sum(span[near]))
+    metric.flags.writeable = False
+    border = place - length + m
+    return Skeleton(
+        lengths=lengths,
+        initial=rod.initial,
+        key=key,
+        left=np.ascontiguousarray(pairs[:, 0]),
+        right=np.ascontiguousarray(pairs[:, 1]),
+        span=span,
+        twist=twist,
+        nodes=nodes,
+        arclength=rod.arclength[nodes],
+        column=column,
+        stretch=stretch,
+        turning=turning,
+        hinged=hinged,
+        rows=np.array(rows, dtype=np.int64).reshape(-1, 3),
+        row_nodes=np.array(row_nodes, dtype=np.int64),
+        anchors=tuple(anchors),
+        phase=phase,
+        normal=normal,
+        chain=ChainLayout(length, np.arange(place), np.arange(place, place + m), border),
+        length=length,
+        first_angle=first_angle,
+        width=6 if extensible else 5,
+        border=border,
+        metric=metric,
+        segment_of=segment_of,
+    )
+
+
+def derive(rod: Rod) -> Layout:
+    """Give the skeleton of a rod its values, and refuse what has no equilibrium."""
+    key = key_of(rod)
+    skeleton: Skeleton | None = rod.__dict__.get("_skeleton")
+    if (
+        skeleton is None
+        or skeleton.lengths is not rod.lengths
+        or skeleton.initial is not rod.initial
+        or skeleton.key != key
+    ):
+        skeleton = make_skeleton(rod, key)
+        rod.__dict__["_skeleton"] = skeleton
+    count = rod.lengths.size
+    frames = [s for s in rod.supports if s.frame is not None]
+    fixed = np.array([s.frame for s in frames]).reshape(-1, 4)
+    h = skeleton.hinged.size
+    axis = np.zeros((skeleton.column.size, 3))
+    axes, moments = np.zeros((h, 3)), np.zeros(h)
+    for i, k in enumerate(skeleton.hinged):
+        support = frames[k]
+        assert support.axis is not None
+        assert support.frame is not None
+        axes[i], moments[i] = support.axis, support.moment
+        axis[count + k] = rotate(conjugate(support.frame), support.axis)
+
+    check_reach(rod)
+    places = {s.node: s.position for s in rod.supports}
+    anchors: list[tuple[int, float] | None] = []
+    for k, node in enumerate(skeleton.anchors):
+        value = None if node is None else places[node][k]
+        anchors.append(None if node is None or value is None else (node, value))
+    targets = np.zeros(skeleton.rows.shape[0])
+    for r, (node, (k, _, _)) in enumerate(zip(skeleton.row_nodes, skeleton.rows, strict=True)):
+        if node >= 0:
+            first, value = anchors[k], places[int(node)][k]
+            assert first is not None
+            assert value is not None
+            targets[r] = value - first[1]
+
+    forces, dead, net = _forces(rod, skeleton.anchors)
+    arms = np.array(
+        [[j, *f, *a] for j, (f, a) in rod.loads.couples.items() if np.any(f) and np.any(a)]
+    ).reshape(-1, 7)
+    varies = getattr(rod.law, "count", None) is not None
+    law = rod.law.at(skeleton.nodes) if varies else rod.law
+    compiled = getattr(law, "kernel", None) is not None
+    plan = _kernel.Plan(
+        left=skeleton.left,
+        right=skeleton.right,
+        span=skeleton.span,
+        twist=skeleton.twist,
+        column=skeleton.column,
+        axis=axis,
+        turning=skeleton.turning,
+        lengths=rod.lengths,
+        rows=skeleton.rows,
+        phase=skeleton.phase,
+        normal=skeleton.normal,
+        stretch_column=skeleton.stretch,
+        arms=arms,
+        natural=rod.natural[skeleton.nodes],
+        dead=dead,
+        targets=targets,
+        moments=moments,
+        length=skeleton.length,
+        first_angle=skeleton.first_angle,
+        stiffness=-1.0 if rod.stretching is None else float(rod.stretching),
+    )
+    return Layout(
+        skeleton=skeleton,
+        plan=plan,
+        law=law,
+        evaluate_into=law.evaluate_into if compiled else None,
+        fixed=fixed,
+        turning_axes=axes,
+        anchors=tuple(anchors),
+        node_forces=forces,
+        net_force=net,
+    )
+
+
+def plane_normal(rod: Rod) -> Array:
+    """Return the unit normal of a plane closed rod, which it circles counterclockwise."""
+    found: tuple[Any, Any, Array] | None = rod.__dict__.get("_normal")
+    if found is not None and found[0] is rod.initial and found[1] is rod.lengths:
+        return found[2]
+    nodes = rod.positions(rod.initial)[:-1]
+    x, y, z = (nodes - nodes.mean(axis=0)).T
+    u, v, w = np.roll(x, -1), np.roll(y, -1), np.roll(z, -1)
+    area = np.array([np.sum(y * w - z * v), np.sum(z * u - x * w), np.sum(x * v - y * u)])
+    size = float(np.linalg.norm(area))
+    normal = area / size if size > 0.0 else np.zeros(3)
+    if not size > 0.0 or np.max(np.abs(normal @ np.stack([x, y, z]))) > 1e-6 * rod.length:
+        raise InvalidInput(
+            "the initial state is not a plane ring; pass one with `with_initial`, or give natural "
+            "curvatures with `with_natural`"
+        )
+    normal.flags.writeable = False
+    rod.__dict__["_normal"] = (rod.initial, rod.lengths, normal)
+    return normal
+
+
+def _forces(rod: Rod, anchors: tuple[int | None, ...]) -> tuple[Array, Array, Array | None]:
+    """Return dead forces on the nodes, those in the segments, and their sum if it is not zero."""
+    found: tuple[Any, ...] | None = rod.__dict__.get("_dead")
+    if found is not None:
+        loads, lengths, nodes, closed, result = found
+        if (
+            loads is rod.loads
+            and lengths is rod.lengths
+            and (nodes, closed) == (anchors, rod.closed)
+        ):
+            return result  # type: ignore[no-any-return]
+    forces = rod.loads.forces(rod.lengths, rod.closed)
+    dead = _dead_forces(forces, anchors)
+    total = np.sum(forces, axis=0)
+    result = (forces, dead, total if np.any(total) else None)
+    rod.__dict__["_dead"] = (rod.loads, rod.lengths, anchors, rod.closed, result)
+    return result
+
+
+def _dead_forces(forces: Array, anchors: tuple[int | None, ...]) -> Array:
+    """Return for each segment the sum of the dead forces beyond it, or minus those before it."""
+    count = forces.shape[0] - 1
+    total = np.sum(forces, axis=0)
+    size = np.sum(np.abs(forces), axis=0)
+    dead = np.zeros((count, 3))
+    for k in range(3):
+        if not size[k]:
+            continue
+        if anchors[k] is None and abs(total[k]) > 1e-12 * size[k]:
+            raise InvalidInput(
+                f"the dead loads add up to a force of {total[k]:.6g} along {'xyz'[k]}, and nothing "
+                "holds the rod in this direction; pin or clamp a node, or balance the loads"
+            )
+        before = np.cumsum(forces[:-1, k])
+        beyond = np.cumsum(forces[:0:-1, k])[::-1]
+        dead[:, k] = np.where(np.arange(count) >= (anchors[k] or 0), beyond, -before)
+    return dead
+
+
+def check_reach(rod: Rod) -> None:
+    """Refuse supports farther from each other than an inextensible rod is long."""
+    if rod.stretching is not None:
+        return
+    for i, a in enumerate(rod.supports):
+        for b in rod.supports[:i]:
+            square = 0.0
+            full = True
+            for u, v in zip(a.position, b.position, strict=True):
+                if u is None or v is None:
+                    full = False
+                else:
+                    square += (u - v) ** 2
+            distance = math.sqrt(square)
+            reach = float(rod.arclength[a.node] - rod.arclength[b.node])
+            if rod.closed:
+                reach = min(reach, rod.length - reach)
+            if distance > reach * (1.0 + REACH):
+                raise InvalidInput(
+                    f"the supports of nodes {b.node} and {a.node} are {distance:.9g} apart, and the "
+                    f"rod between them is {reach:.9g} long: it is inextensible; bring them nearer, or "
+                    "give it a `stretching` stiffness"
+                )
+            if full and distance > reach * (1.0 - REACH):
+                raise InvalidInput(
+                    f"the supports of nodes {b.node} and {a.node} are {distance:.9g} apart, just as "
+                    "long as the rod between them: it is inextensible, and its tension would be "
+                    "undetermined; bring them nearer, leave a component of the position free, or "
+                    "give it a `stretching` stiffness"
+                )
+
+
+def internal_forces(rod: Rod, multipliers: Array) -> Array:
+    """Return the internal force on each segment, shape (N, 3): of what lies beyond on what is before."""
+    layout = rod.layout
+    forces = np.array(layout.plan.dead)
+    plan = layout.plan
+    for value, (k, first, last) in zip(multipliers, plan.rows, strict=True):
+        if k < 3:
+            forces[first:last, k] -= value
+        else:
+            forces -= value * plan.phase[:, None] * plan.normal
+    return forces
