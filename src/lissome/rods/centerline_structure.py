@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..factorization import ChainKKT, ChainLayout
 from ..structure import EPS, BaseStructure, Evaluation
 from . import _centerline_kernel as _kernel
-from ._structure import Rod, RodState, _neutral_rotations
+from ._structure import Rod, RodState
 from .centerline import RESET, CenterlineState, reconstructed
 from .measures import CODES, measure_all, pull_back_all
 from .quaternions import rotate, to_directors
@@ -312,7 +312,7 @@ class CenterlineTwist(BaseStructure):
             rod_state = self.to_rod(state)
             column = int(rod.layout.plan.column[0])
             half = 0.5 * state._made.binormals
-            for row in _neutral_rotations(rod, rod_state):
+            for row in rod.gauge(rod_state):
                 omega = rotate(rod_state.quaternions[0], row[column : column + 3])
                 nodes = np.cross(omega, state.positions)
                 for k, anchor in enumerate(anchors):
@@ -346,7 +346,7 @@ class CenterlineTwist(BaseStructure):
         if rod.measure != "sine":
             measure_all(CODES[rod.measure], q, kappa)
         density, stress, stiffness = layout.law.evaluate(
-            kappa / plan.span[:, None] - layout.natural, order
+            kappa / plan.span[:, None] - plan.natural, order
         )
         energy = float(plan.span @ density)
         stress = np.zeros((hinges, 3)) if stress is None else np.ascontiguousarray(stress)
