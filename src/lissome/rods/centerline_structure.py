@@ -57,6 +57,10 @@ class CenterlineTwist(BaseStructure):
     References are those of the states (:class:`~lissome.rods.centerline.CenterlineState`);
     :meth:`retract` renews the reference of a segment that has turned away from it by 120 degrees.
 
+    Eigenvalues spread like the fourth power of the number of segments. Give solves on fine meshes
+    (more than about 150 segments) a start near the equilibrium, such as a state of the rod: from a
+    straight rod the solver's shifts are too coarse for such a spread, and it may give up.
+
     Parameters
     ----------
     rod : Rod
