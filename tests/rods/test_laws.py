@@ -10,6 +10,7 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lissome import literature
 from lissome.errors import InvalidInput
 from lissome.rods import ribbon_laws
 from lissome.rods.law_checks import check_law
@@ -201,6 +202,11 @@ def test_phi_and_its_derivatives_to_round_off():
 def test_slope_of_phi_where_there_is_no_curvature():
     # phi = P(z)/D(z): 1/360 + z (4/10! - 1/(360 * 120))
     assert ribbon_laws.phi_terms(0.0)[1] == pytest.approx(4 / math.factorial(10) - 1 / 43200)
+
+
+def test_phi_in_the_stored_table():
+    table = literature.load("audoly-neukirch-phi")
+    np.testing.assert_allclose(ribbon_phi(table["v"]), table["phi"], rtol=1e-12)
 
 
 def cross_section_energy(k1, k3, w, h, young, nu, terms=24):

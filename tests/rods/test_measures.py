@@ -184,6 +184,29 @@ def test_pull_back_is_the_chain_rule_of_an_energy(measure):
         np.testing.assert_allclose(stiffness[i], hessian, atol=2e-9 * np.abs(hessian).max())
 
 
+def test_fold_of_a_developable_ribbon():
+    """Two flat faces joined along a fold: (4.35) of the thesis, and the twist that it loses."""
+    gamma, theta = 0.4, 1.1
+    first = Rotation.random(rng=np.random.default_rng(2))
+    line = np.array(
+        [math.cos(gamma), 0.0, math.sin(gamma)]
+    )  # of the fold, in the plane of d1 and d3
+    second = Rotation.from_rotvec(theta * first.apply(line)) * first
+    np.testing.assert_allclose(first.apply(line), second.apply(line), atol=1e-15)  # common to both
+    q = (first.inv() * second).as_quat(scalar_first=True)
+    angle = strain_from_rotation([q], "angle")[0]
+    np.testing.assert_allclose(
+        angle, [theta * math.cos(gamma), 0.0, theta * math.sin(gamma)], atol=1e-14
+    )
+    for measure in ("sine", "angle"):
+        strain = strain_from_rotation([q], measure)[0]
+        assert strain[2] / strain[0] == pytest.approx(math.tan(gamma), rel=1e-13)
+        assert strain[1] == pytest.approx(0.0, abs=1e-15)
+    # not so with frames that are averaged: their twist is no multiple of their bending
+    averaged = strain_from_rotation([q], "averaged")[0]
+    assert abs(averaged[2] / averaged[0] - math.tan(gamma)) > 0.01
+
+
 @given(VECTORS.filter(lambda v: np.linalg.norm(v) < 0.99))
 @settings(max_examples=50, deadline=None)
 def test_seen_from_the_other_end(v):

@@ -330,8 +330,12 @@ class SymbolicLaw(CompiledLaw):
         self, k: Array, energy: Array, stress: Array, stiffness: Array, order: int = 2
     ) -> None:
         """Write energy, stress and stiffness into arrays; nothing is checked."""
-        with np.errstate(all="ignore"):
-            self._function(self.parameters, k, energy, stress, stiffness, order)  # type: ignore[attr-defined]
+        function = self._function  # type: ignore[attr-defined]
+        if self.compiled:
+            function(self.parameters, k, energy, stress, stiffness, order)
+            return
+        with np.errstate(all="ignore"):  # what is not finite is refused or rejected by the caller
+            function(self.parameters, k, energy, stress, stiffness, order)
 
     def __reduce__(self) -> tuple[Any, ...]:
         options = (self.names, self.backend, self.scale, self.check_at)
