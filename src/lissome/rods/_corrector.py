@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 LIMIT = 25
 #: Largest turn (radians) of a segment in one step.
 LARGEST = 1.5
+#: Newton steps up to this size (radians) are followed by one with the same factors.
+CLOSE = 1e-3
 #: Newton steps up to this size (radians) need no look at the next one.
 SURE = 1e-6
 #: Newton steps up to this size (radians) lead to a stationary point nearby.
@@ -49,9 +51,7 @@ def fast_correction(
             return None
         factor, shift = found
         assert here.gradient is not None
-        if shift == 0.0 and last <= min(
-            SURE, 1e3 * tolerance
-        ):  # its square is far below any tolerance
+        if shift == 0.0 and last <= min(SURE, 1e3 * tolerance):  # its square is far below
             return Corrected(state, multipliers, here, factor, iteration)
         if shift > 0.0 and iteration == 0 and _is_near_saddle(here, gauge):
             return None
@@ -72,6 +72,19 @@ def fast_correction(
         merit = here.energy + float(penalty @ np.abs(here.constraints))
         slack = 1e-13 * (abs(here.energy) + float(penalty @ np.abs(here.constraints)))
         converging = shift == 0.0 and step == 1.0 and size <= expected
+        if converging and size <= CLOSE:  # a second step with the same factors
+            state, multipliers = rod.retract(state, dx), multipliers + dm
+            new = rod.evaluate(state, multipliers, 1)
+            assert new.gradient is not None
+            dx, dm = factor.solve(-new.gradient, -new.constraints, refine=False)
+            second = float(np.max(np.abs(dx)))
+            if not second <= 0.1 * size:
+                return None
+            state, multipliers = rod.retract(state, dx), multipliers + dm
+            here = rod.evaluate(state, multipliers, 2)
+            # The error that is left shrinks once more by the ratio of the two steps.
+            last = second
+            continue
         for attempt in range(5):
             trial = rod.retract(state, step * dx)
             new = rod.evaluate(trial, multipliers + step * dm, 2 if attempt == 0 else 1)

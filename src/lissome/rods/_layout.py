@@ -263,7 +263,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
 def derive(rod: Rod) -> Layout:
     """Give the skeleton of a rod its values, and refuse what has no equilibrium."""
     key = key_of(rod)
-    skeleton: Skeleton | None = rod.__dict__.get("_skeleton")
+    skeleton: Skeleton | None = rod.shared.get("skeleton")
     if (
         skeleton is None
         or skeleton.lengths is not rod.lengths
@@ -271,7 +271,7 @@ def derive(rod: Rod) -> Layout:
         or skeleton.key != key
     ):
         skeleton = make_skeleton(rod, key)
-        rod.__dict__["_skeleton"] = skeleton
+        rod.shared["skeleton"] = skeleton
     count = rod.lengths.size
     frames = [s for s in rod.supports if s.frame is not None]
     fixed = np.array([s.frame for s in frames]).reshape(-1, 4)
@@ -343,7 +343,7 @@ def derive(rod: Rod) -> Layout:
 
 def plane_normal(rod: Rod) -> Array:
     """Return the unit normal of a plane closed rod, which it circles counterclockwise."""
-    found: tuple[Any, Any, Array] | None = rod.__dict__.get("_normal")
+    found: tuple[Any, Any, Array] | None = rod.shared.get("normal")
     if found is not None and found[0] is rod.initial and found[1] is rod.lengths:
         return found[2]
     nodes = rod.positions(rod.initial)[:-1]
@@ -358,13 +358,13 @@ def plane_normal(rod: Rod) -> Array:
             "curvatures with `with_natural`"
         )
     normal.flags.writeable = False
-    rod.__dict__["_normal"] = (rod.initial, rod.lengths, normal)
+    rod.shared["normal"] = (rod.initial, rod.lengths, normal)
     return normal
 
 
 def _forces(rod: Rod, anchors: tuple[int | None, ...]) -> tuple[Array, Array, Array | None]:
     """Return dead forces on the nodes, those in the segments, and their sum if it is not zero."""
-    found: tuple[Any, ...] | None = rod.__dict__.get("_dead")
+    found: tuple[Any, ...] | None = rod.shared.get("dead")
     if found is not None:
         loads, lengths, nodes, closed, result = found
         if (
@@ -372,12 +372,12 @@ def _forces(rod: Rod, anchors: tuple[int | None, ...]) -> tuple[Array, Array, Ar
             and lengths is rod.lengths
             and (nodes, closed) == (anchors, rod.closed)
         ):
-            return result  # type: ignore[no-any-return]
+            return result
     forces = rod.loads.forces(rod.lengths, rod.closed)
     dead = _dead_forces(forces, anchors)
     total = np.sum(forces, axis=0)
     result = (forces, dead, total if np.any(total) else None)
-    rod.__dict__["_dead"] = (rod.loads, rod.lengths, anchors, rod.closed, result)
+    rod.shared["dead"] = (rod.loads, rod.lengths, anchors, rod.closed, result)
     return result
 
 

@@ -206,17 +206,17 @@ class Rod(BaseStructure):
         return RodState(frames)
 
     def _with(self, **changes: Any) -> Rod:
-        """Return this rod with fields changed to values that have been checked.
-
-        What was derived goes along; it is used where it still holds.
-        """
+        """Return this rod with fields changed to values that have been checked."""
         new = object.__new__(Rod)
         for item in fields(self):
             object.__setattr__(new, item.name, changes.get(item.name, getattr(self, item.name)))
-        for name in ("_skeleton", "_normal", "_body_normal", "_dead"):
-            if name in self.__dict__:
-                new.__dict__[name] = self.__dict__[name]
+        new.__dict__["shared"] = self.shared
         return new
+
+    @cached_property
+    def shared(self) -> dict[str, Any]:
+        """What was derived last for this rod or one made from it, with what it was derived from."""
+        return {}
 
     # ---- supports ------------------------------------------------------------------------------
 
@@ -465,11 +465,11 @@ class Rod(BaseStructure):
         value = finite("overcurvature", overcurvature)
         if not self.closed:
             raise InvalidInput("only a closed rod has an overcurvature; pass natural curvatures")
-        found = self.__dict__.get("_body_normal")
+        found = self.shared.get("body normal")
         if found is None or found[0] is not self.initial:
             normal = plane_normal(self)
             found = (self.initial, rotate(conjugate(self.initial.quaternions), normal))
-            self.__dict__["_body_normal"] = found
+            self.shared["body normal"] = found
         body = found[1]
         if np.max(np.abs(body - body[0])) > 1e-6:
             raise InvalidInput(
