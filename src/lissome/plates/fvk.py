@@ -372,6 +372,11 @@ class Plate(BaseStructure):
         )
         return sizes[space.free]
 
+    @property
+    def slope_scale(self) -> float:
+        """Slope that suits thickness, spontaneous strain and curvature."""
+        return self._slope
+
     def gauge(self, state: PlateState) -> Array:
         """Return the rigid motions that the supports allow, as motions of the free unknowns."""
         return self._generators(self._vector(state))[:, self.space.free]
