@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-import math
+import os
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from .._validate import one_of
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
-from . import _kernel
+from . import _kernel, results
 from .measures import CODES, pull_back_all
 from .quaternions import rotate, to_directors
+from .results import Crossings
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ._structure import Rod, RodState
 
 __all__ = ["Reaction", "RodEquilibrium"]
@@ -165,7 +170,7 @@ class RodEquilibrium(Equilibrium):
         plan = rod.layout.plan
         q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
         _kernel.hinge_rotations(rod.frames(self.state), plan, q, kappa)
-        return float(np.sum(np.arctan2(q[:, 3], q[:, 0]))) / math.pi
+        return results.total_twist(q)
 
     def reactions(self, where: str | int) -> Reaction:
         """Return what the support of a node exerts on the rod.
@@ -206,6 +211,123 @@ class RodEquilibrium(Equilibrium):
         if support.frame is not None:
             moment = self._support_moment(support)
         return Reaction(force, moment)
+
+    # ---- shape, tables and files ---------------------------------------------------------------
+
+    @cached_property
+    def writhe(self) -> float:
+        """Writhe of the polygon of nodes; quadratic work. Twist and writhe of a ring add up."""
+        return results.writhe(self.positions, closed=self.structure.closed)
+
+    def self_crossings(self, distance: float | None = None, *, warn: bool = True) -> Crossings:
+        """Find where the rod comes too near to itself: contact is not modelled.
+
+        Parameters
+        ----------
+        distance : float, optional
+            Distance of center lines (length), such as the thickness; by default a thousandth of the
+            length.
+        warn : bool
+            Whether to warn if there are crossings.
+
+        Warns
+        -----
+        LissomeWarning
+            If there are crossings.
+        """
+        nodes, closed = self.positions, self.structure.closed
+        if warn:
+            return results.warn_of_self_crossings(nodes, distance, closed=closed)
+        return results.self_crossings(nodes, distance, closed=closed)
+
+    def _at_nodes(self, values: Array) -> Array:
+        count = self.structure.lengths.size + 1
+        table = results.node_values(values, self.hinge_nodes, self.hinge_lengths, count)
+        if self.structure.closed:
+            table[-1] = table[0]
+        return table
+
+    def to_frame(self, of: str = "nodes") -> pd.DataFrame:
+        """Return a table of the nodes, of the hinges or of the segments.
+
+        Parameters
+        ----------
+        of : {"nodes", "hinges", "segments"}
+            "nodes": arc length s, position, strains and moments (not a number where a node has no
+            hinge). "hinges": node, s, strains and moments; a clamped node inside a rod has two.
+            "segments": s of the middle, directors, internal force and stretch.
+
+        Returns
+        -------
+        pandas.DataFrame
+
+        Warns
+        -----
+        LissomeWarning
+            If the rod crosses itself.
+
+        Examples
+        --------
+        >>> import lissome as ls
+        >>> from lissome import rods
+        >>> rod = rods.straight(1.0, 4, rods.Kirchhoff(1.0, 0.8)).clamped("start")
+        >>> ls.equilibrate(rod.loaded(end=[0.1, 0, 0])).to_frame().shape
+        (5, 10)
+        """
+        one_of("of", of, ("nodes", "hinges", "segments"))
+        results.warn_of_self_crossings(self.positions, closed=self.structure.closed)
+        if of == "nodes":
+            return results.node_table(
+                self.arclength,
+                self.positions,
+                strains=self._at_nodes(self.strains),
+                moments=self._at_nodes(self.moments),
+            )
+        if of == "hinges":
+            return results.hinge_table(
+                self.hinge_nodes, self.hinge_arclength, strains=self.strains, moments=self.moments
+            )
+        return results.segment_table(
+            0.5 * (self.arclength[:-1] + self.arclength[1:]),
+            self.directors,
+            forces=self.forces,
+            stretches=self.state.stretches,
+        )
+
+    def to_vtk(self, path: str | os.PathLike[str]) -> Path:
+        """Write the rod for ParaView.
+
+        Nodes carry arc length s, strain and moment (not a number where a node has no hinge);
+        segments carry the directors d1, d2, d3, the internal force and the stretch.
+
+        Parameters
+        ----------
+        path : path
+            File whose name ends in ``.vtu`` or ``.vtk``.
+
+        Returns
+        -------
+        pathlib.Path
+
+        Warns
+        -----
+        LissomeWarning
+            If the rod crosses itself.
+        """
+        closed = self.structure.closed
+        results.warn_of_self_crossings(self.positions, closed=closed)
+        return results.write_vtk(
+            path,
+            self.positions,
+            self.directors,
+            closed=closed,
+            point_data={
+                "s": self.arclength,
+                "strain": self._at_nodes(self.strains),
+                "moment": self._at_nodes(self.moments),
+            },
+            cell_data={"force": self.forces, "stretch": self.state.stretches},
+        )
 
     def _support_moment(self, support: Any) -> Array:
         rod = self.structure
