@@ -26,6 +26,9 @@ def test_ratios(bench):
                 entry("peer", 2e-3),
                 entry("fast step", 1e-6, against="peer", at_least=1000),
                 entry("lame step", 4e-6, against="peer", at_least=1000),
+                entry("told only", 1e-3, against="peer"),
+                entry("in time", 0.9, within=1.0),
+                entry("late", 1.1, within=1.0),
             ]
         }
     )
@@ -37,7 +40,16 @@ def test_ratios(bench):
         "peer": (None, None),
         "fast step": (pytest.approx(2000), True),
         "lame step": (pytest.approx(500), False),
+        "told only": (pytest.approx(0.5), None),
+        "in time": (None, True),
+        "late": (None, False),
     }
+    lines = {row["what"]: bench.line(row) for row in rows}
+    assert lines["slow step"] == "g: slow step: 1.2e-05 s, 6 of floor (at most 5: MISSED)"
+    assert lines["fast step"].endswith("2e+03 times faster than peer (at least 1000: met)")
+    assert lines["told only"] == "g: told only: 0.001 s, 0.5 of peer"
+    assert lines["late"] == "g: late: 1.1 s (within 1 s: MISSED)"
+    assert lines["floor"] == "g: floor: 2e-06 s"
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@
 The file says what was measured (median, quartiles, rounds), the ratio to what it is held against,
 measured in the same run, and where all of this happened: machine, versions, commit, and a
 fingerprint of the library's sources, by which the book tells whether they have changed since.
-`at_most` bounds time / time of the other; `at_least` bounds the speed-up over the other.
+`at_most` bounds time / time of the other; `at_least` bounds the speed-up over the other; `within`
+bounds the seconds.
 """
 
 from __future__ import annotations
@@ -76,11 +77,14 @@ def summary(raw: dict) -> list[dict]:
                 "against": info["against"],
                 "at_most": info["at_most"],
                 "at_least": info["at_least"],
+                "within": info.get("within"),
                 "note": info["note"],
             }
         )
     for row in rows:
         row["ratio"] = row["met"] = None
+        if row["within"] is not None:
+            row["met"] = row["median_seconds"] <= row["within"]
         if row["against"] is None:
             continue
         other = medians.get((row["group"], row["against"]))
@@ -89,13 +93,29 @@ def summary(raw: dict) -> list[dict]:
                 f"error: {row['what']!r} is held against {row['against']!r}, "
                 f"which was not measured in {row['group']!r}"
             )
-        if row["at_most"] is not None:
+        if row["at_least"] is None:
             row["ratio"] = row["median_seconds"] / other
-            row["met"] = row["ratio"] <= row["at_most"]
+            if row["at_most"] is not None:
+                row["met"] = row["ratio"] <= row["at_most"]
         else:
             row["ratio"] = other / row["median_seconds"]
             row["met"] = row["ratio"] >= row["at_least"]
     return rows
+
+
+def line(row: dict) -> str:
+    """Return a measurement, what it is held against, and whether its bound is met."""
+    text = f"{row['group']}: {row['what']}: {row['median_seconds']:.3g} s"
+    bounds = []
+    if row["against"] is not None:
+        times = " times faster than" if row["at_least"] is not None else " of"
+        text += f", {row['ratio']:.3g}{times} {row['against']}"
+    for name, words in (("at_most", "at most"), ("at_least", "at least"), ("within", "within")):
+        if row[name] is not None:
+            bounds.append(f"{words} {row[name]:g}{' s' if name == 'within' else ''}")
+    if bounds:
+        text += f" ({', '.join(bounds)}: {'met' if row['met'] else 'MISSED'})"
+    return text
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -128,14 +148,8 @@ def main(arguments: list[str] | None = None) -> int:
     given.output.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     missed = 0
     for row in rows:
-        line = f"{row['group']}: {row['what']}: {row['median_seconds']:.3g} s"
-        if row["against"] is not None:
-            bound = row["at_most"] if row["at_most"] is not None else row["at_least"]
-            word = "at most" if row["at_most"] is not None else "at least"
-            line += f", {row['ratio']:.3g} against {row['against']} ({word} {bound:g}: "
-            line += f"{'met' if row['met'] else 'MISSED'})"
-            missed += not row["met"]
-        print(line)
+        print(line(row))
+        missed += row["met"] is False
     print(f"written: {given.output}")
     if missed:
         print(f"{missed} of the bounds MISSED")

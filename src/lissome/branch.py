@@ -29,7 +29,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -665,7 +665,9 @@ class _Follower:
         checkpoint_every: float,
         derivative: Slope | None,
     ) -> None:
-        self.family = family
+        self.original = family
+        # Structures derive much when they are first used; around a step the same few come back.
+        self.family: Family = lru_cache(maxsize=8)(family)
         self.derivative = derivative
         self.settings = settings
         self.outputs = outputs
@@ -879,7 +881,7 @@ class _Follower:
 
     def _branch(self) -> Branch:
         return Branch(
-            family=self.family, events=tuple(self.events), finished=self.finished,
+            family=self.original, events=tuple(self.events), finished=self.finished,
             rows=tuple(self.rows), settings=self.settings, outputs=self.outputs,
             derivative=self.derivative,
         )  # fmt: skip
@@ -1443,7 +1445,7 @@ class _Follower:
                 f"argument `checkpoint` is {str(path)!r}, which belongs to a call with other values of "
                 f"{', '.join(names)}; repeat that call, or name another file"
             )
-        branch = _unpack(meta, arrays, self.family, self.outputs, path)
+        branch = _unpack(meta, arrays, self.original, self.outputs, path)
         self.rows, self.events = list(branch.rows), list(branch.events)
         self.finished = branch.finished
         cursor = _needed(meta, "cursor", path)
