@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+import lissome as ls
 from lissome.errors import InvalidInput, LissomeWarning
 from lissome.rods import results, shapes
 from lissome.rods.laws import Kirchhoff
@@ -305,6 +306,54 @@ def test_vtk_is_read_back(tmp_path, suffix, closed):
     np.testing.assert_allclose(mesh.point_data["s"], rod.arclength[:kept])
     np.testing.assert_allclose(mesh.cell_data["d1"][0], d[:, 0], atol=1e-15)
     np.testing.assert_allclose(mesh.cell_data["force"][0], force)
+
+
+def test_equilibrium_gives_tables_and_a_file(tmp_path):
+    rod = shapes.straight(1.0, 12, Kirchhoff((1.0, 2.0), 1.0)).clamped("start")
+    eq = ls.equilibrate(rod.loaded(end=[1.0, 0.5, -1.0]))
+    nodes, hinges, segments = (eq.to_frame(of) for of in ("nodes", "hinges", "segments"))
+    np.testing.assert_array_equal(nodes[["x", "y", "z"]], eq.positions)
+    assert len(hinges) == 12 and len(segments) == 12  # a half hinge at the clamp, none at the tip
+    inner = nodes.dropna()
+    np.testing.assert_allclose(inner["curvature_1"], hinges["curvature_1"])
+    np.testing.assert_allclose(hinges["moment_2"], 2 * hinges["curvature_2"])
+    np.testing.assert_allclose(segments[["force_x", "force_y", "force_z"]], [[1.0, 0.5, -1.0]] * 12)
+    mesh = meshio.read(eq.to_vtk(tmp_path / "rod.vtu"))
+    np.testing.assert_allclose(mesh.cell_data["d3"][0], eq.directors[:, 2])
+    np.testing.assert_allclose(mesh.point_data["moment"][:-1], eq.moments)
+    assert np.isnan(mesh.point_data["moment"][-1]).all()
+    with pytest.raises(InvalidInput, match="did you mean 'nodes'"):
+        eq.to_frame("node")
+
+
+def test_twisted_ring_unwinds_by_passing_through_itself():
+    """Below Michell's sqrt(3) B/C turns a ring stays flat; beyond, it sheds two turns at a time."""
+    law = Kirchhoff((1.0, 1.0), 1.0)
+    flat = ls.equilibrate(shapes.ring(1.0, 40, law, natural_curvature=0.0, turns=1.5))
+    assert flat.twist == pytest.approx(1.5, abs=1e-9)
+    assert flat.writhe == pytest.approx(0.0, abs=1e-9)
+    assert flat.passages == 0 and not flat.self_crossings()
+    rod = shapes.ring(1.0, 40, law, natural_curvature=0.0, turns=2.0)
+    unwound = ls.equilibrate(rod)
+    assert unwound.link == pytest.approx(2.0 - 2 * unwound.passages, abs=1e-8)
+    assert unwound.passages == 1  # Dirac's belt
+    assert unwound.energy == pytest.approx(2 * math.pi**2, rel=1e-2)  # flat, without twist
+    with pytest.warns(LissomeWarning, match="passed through itself .* changed by -2"):
+        unwound.self_crossings()
+    with pytest.raises(InvalidInput, match="only a closed rod"):
+        _ = ls.equilibrate(shapes.straight(1.0, 4, law).clamped("start")).link
+
+
+def test_equilibrium_that_crosses_itself_warns(tmp_path):
+    """A clamped arc of more than a turn, naturally so: its parts lie on each other."""
+    law = Kirchhoff((1.0, 1.0), 1.0)
+    rod = shapes.arc(1.0, 60, law, angle=2.2 * 2 * math.pi).clamped("start").clamped("end")
+    eq = ls.equilibrate(rod)
+    with pytest.warns(LissomeWarning, match="self-contact is not modelled"):
+        assert eq.self_crossings()
+    with pytest.warns(LissomeWarning, match="self-contact is not modelled"):
+        eq.to_vtk(tmp_path / "coil.vtu")
+    assert eq.self_crossings(warn=False)
 
 
 @pytest.mark.parametrize(

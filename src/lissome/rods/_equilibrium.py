@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from .._validate import one_of
 from ..equilibrium import Equilibrium
-from ..errors import InvalidInput
+from ..errors import InvalidInput, LissomeWarning
 from . import _kernel, results
 from .measures import CODES, pull_back_all
 from .quaternions import rotate, to_directors
@@ -166,11 +167,7 @@ class RodEquilibrium(Equilibrium):
     @property
     def twist(self) -> float:
         """Total twist, in turns: what is left of the hinges' rotations after parallel transport."""
-        rod = self.structure
-        plan = rod.layout.plan
-        q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
-        _kernel.hinge_rotations(rod.frames(self.state), plan, q, kappa)
-        return results.total_twist(q)
+        return _total_twist(self.structure, self.state)
 
     def reactions(self, where: str | int) -> Reaction:
         """Return what the support of a node exerts on the rod.
@@ -219,6 +216,33 @@ class RodEquilibrium(Equilibrium):
         """Writhe of the polygon of nodes; quadratic work. Twist and writhe of a ring add up."""
         return results.writhe(self.positions, closed=self.structure.closed)
 
+    @property
+    def link(self) -> float:
+        """Twist plus writhe of a closed rod, in turns: no motion changes it without a crossing.
+
+        It is the number of turns at the joint up to a whole number. If the frames close up, it is how
+        often an edge of the rod winds about its center line.
+
+        Raises
+        ------
+        InvalidInput
+            If the rod is open.
+        """
+        if not self.structure.closed:
+            raise InvalidInput("only a closed rod has a linking number; see `twist` and `writhe`")
+        return self.twist + self.writhe
+
+    @cached_property
+    def passages(self) -> int:
+        """How often, on balance, a closed rod has passed through itself since its initial state.
+
+        Each passage changes the linking number by two; positive if it became less.
+        """
+        rod = self.structure
+        nodes = rod.positions(rod.initial)
+        before = _total_twist(rod, rod.initial) + results.writhe(nodes, closed=True)
+        return round((before - self.link) / 2.0)
+
     def self_crossings(self, distance: float | None = None, *, warn: bool = True) -> Crossings:
         """Find where the rod comes too near to itself: contact is not modelled.
 
@@ -228,17 +252,26 @@ class RodEquilibrium(Equilibrium):
             Distance of center lines (length), such as the thickness; by default a thousandth of the
             length.
         warn : bool
-            Whether to warn if there are crossings.
+            Whether to warn if there are crossings, or if a closed rod has passed through itself since
+            its initial state (`passages`).
 
         Warns
         -----
         LissomeWarning
-            If there are crossings.
+            If there are or were crossings.
         """
         nodes, closed = self.positions, self.structure.closed
-        if warn:
-            return results.warn_of_self_crossings(nodes, distance, closed=closed)
-        return results.self_crossings(nodes, distance, closed=closed)
+        if not warn:
+            return results.self_crossings(nodes, distance, closed=closed)
+        found = results.warn_of_self_crossings(nodes, distance, closed=closed, stacklevel=3)
+        if closed and not found and self.passages:
+            warnings.warn(
+                "the rod has passed through itself since its initial state (its linking number has "
+                f"changed by {-2 * self.passages}); self-contact is not modelled",
+                LissomeWarning,
+                stacklevel=3,
+            )
+        return found
 
     def _at_nodes(self, values: Array) -> Array:
         count = self.structure.lengths.size + 1
@@ -264,7 +297,7 @@ class RodEquilibrium(Equilibrium):
         Warns
         -----
         LissomeWarning
-            If the rod crosses itself.
+            As of :meth:`self_crossings`.
 
         Examples
         --------
@@ -275,7 +308,7 @@ class RodEquilibrium(Equilibrium):
         (5, 10)
         """
         one_of("of", of, ("nodes", "hinges", "segments"))
-        results.warn_of_self_crossings(self.positions, closed=self.structure.closed)
+        self.self_crossings()
         if of == "nodes":
             return results.node_table(
                 self.arclength,
@@ -312,10 +345,10 @@ class RodEquilibrium(Equilibrium):
         Warns
         -----
         LissomeWarning
-            If the rod crosses itself.
+            As of :meth:`self_crossings`.
         """
         closed = self.structure.closed
-        results.warn_of_self_crossings(self.positions, closed=closed)
+        self.self_crossings()
         return results.write_vtk(
             path,
             self.positions,
@@ -352,3 +385,11 @@ class RodEquilibrium(Equilibrium):
             if k == j:
                 moment -= np.cross(rotate(self.state.quaternions[j], arm), force)
         return moment
+
+
+def _total_twist(rod: Rod, state: RodState) -> float:
+    """Return the total twist, in turns."""
+    plan = rod.layout.plan
+    q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
+    _kernel.hinge_rotations(rod.frames(state), plan, q, kappa)
+    return results.total_twist(q)
