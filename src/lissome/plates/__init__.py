@@ -2,7 +2,8 @@ r"""Plates of liquid-crystal elastomers that dome, snap and leap: chapter 5.
 
 One set of conventions holds in the whole package. The coordinate z points up from the middle of the
 thickness, layers are listed from the bottom, w is the deflection upward, and curvature means
-:math:`\nabla\nabla w`: a dome is negative, a cup positive.
+:math:`\nabla\nabla w`: a dome is negative, a cup positive. The plate itself is in
+:mod:`lissome.plates.fvk`, its meshes in :mod:`lissome.plates.meshes`.
 
 Examples
 --------
@@ -42,6 +43,7 @@ from .heat import (
     TemperatureHistory,
     TemperatureProfile,
 )
+from .heating import HeatedPlate
 from .laminate import Laminate, Layer, Spontaneous
 from .leap import (
     Flight,
@@ -69,6 +71,7 @@ __all__ = [
     "FixedTemperature",
     "Flight",
     "HeatFlux",
+    "HeatedPlate",
     "Insulated",
     "Laminate",
     "Layer",

@@ -236,13 +236,16 @@ class Spontaneous:
         """Strain across minus along: radial minus azimuthal where the director runs in circles."""
         return self.strain_across - self.strain_along
 
-    def fields(self, director: Director) -> dict[str, DirectedTensor]:
-        """Return the arguments `strain` and `curvature` of a :class:`.Plate`.
+    def fields(self, director: Director, length: float = 1.0) -> dict[str, DirectedTensor]:
+        r"""Return the arguments `strain` and `curvature` of a :class:`.Plate`.
 
         Parameters
         ----------
         director : Director
             Direction of the mesogens, the same at all heights.
+        length : float
+            L: how long the unit of length of the mesh is. Curvatures become
+            :math:`\bar\kappa_m = L\,\kappa_m`.
 
         Returns
         -------
@@ -259,9 +262,12 @@ class Spontaneous:
                 f"these are spontaneous strains of shape {np.shape(self.strain_along)}; a plate takes "
                 "those of one time"
             )
+        unit = positive("length", length)
         return {
             "strain": director.field(float(self.strain_along), float(self.strain_across)),
-            "curvature": director.field(float(self.curvature_along), float(self.curvature_across)),
+            "curvature": director.field(
+                unit * float(self.curvature_along), unit * float(self.curvature_across)
+            ),
         }
 
     @property
@@ -434,13 +440,20 @@ class Laminate:
         self.poisson_ratio  # noqa: B018
         return self._channel(lambda layer: 1.0)[2]
 
-    def moduli(self) -> dict[str, float]:
-        """Return the arguments `stretching`, `bending` and `poisson` of a :class:`.Plate`."""
-        return {
-            "stretching": self.stretching_modulus,
-            "bending": self.bending_modulus,
-            "poisson": self.poisson_ratio,
-        }
+    def moduli(self, length: float | None = None) -> dict[str, float]:
+        r"""Return the arguments `stretching`, `bending` and `poisson` of a :class:`.Plate`.
+
+        Parameters
+        ----------
+        length : float, optional
+            L: how long the unit of length of the mesh is. With it energies are in units of
+            :math:`C L^2`: the stretching modulus is 1, the bending modulus
+            :math:`\bar B = B/(C L^2)`, (5.9) of the thesis. Without it moduli are as they are.
+        """
+        c, b = self.stretching_modulus, self.bending_modulus
+        if length is not None:
+            c, b = 1.0, b / (c * positive("length", length) ** 2)
+        return {"stretching": c, "bending": b, "poisson": self.poisson_ratio}
 
     @property
     def bending_length(self) -> float:
