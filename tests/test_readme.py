@@ -20,8 +20,11 @@ def blocks(text, language):
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-def test_code_prints_what_is_printed(readme):
-    (code,), (printed,) = blocks(readme, "python"), blocks(readme, "text")
+@pytest.mark.parametrize("number", [0, 1])
+def test_code_prints_what_is_printed(readme, number):
+    codes, outputs = blocks(readme, "python"), blocks(readme, "text")
+    assert len(codes) == len(outputs) == 2
+    code, printed = codes[number], outputs[number]
     assert len([line for line in code.splitlines() if line.strip()]) <= 10
     said = io.StringIO()
     with contextlib.redirect_stdout(said):
