@@ -14,7 +14,8 @@ import numpy as np
 from mpmath import cos, cosh, mp, mpf, nstr, sin, sinh, sqrt
 
 from lissome import literature
-from lissome.references import buckling, folding, ring
+from lissome.references import buckling, folding, lateral_buckling, ribbon_twist, ring
+from lissome.references.ribbon_twist import Ribbon
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 ARGUMENTS = [
@@ -115,6 +116,57 @@ def shape_rows() -> Iterable[list[str]]:
             yield [f"{o:.1f}", f"{place:.6f}", *map(digits, point), *map(digits, strain)]
 
 
+FORMS = ("thesis", "audoly-neukirch", "panda-jawed")
+POISSON_RATIOS = (0.2, 0.3, 0.4, 0.5)
+
+
+def clamp_values(state: ribbon_twist.Equilibrium) -> list[float]:
+    """What starts an integration at the clamp: moment m1, strains k2 and k3, and the force."""
+    return [*state.solution.nodes[0, 7:10], float(state.force[0])]
+
+
+def snap_rows() -> Iterable[list[str]]:
+    """The narrow ribbon of Fig. 4.6 of the thesis at the fold, and where it lands."""
+    for form in FORMS:
+        for nu in POISSON_RATIOS:
+            ribbon = Ribbon(8.0, poisson_ratio=nu, form=form)
+            fold = ribbon_twist.critical_twist(ribbon)
+            # beyond the fold: the image by reflection of the state at pi - phi
+            image = ribbon_twist.equilibrium(ribbon, np.pi - fold.twist)
+            middle = [*fold.midpoint[1:], -image.midpoint[1], image.midpoint[2]]
+            numbers = [fold.twist, *middle, fold.energy, image.energy, *clamp_values(fold)]
+            yield [form, f"{nu:.1f}", *(digits(x, 8) for x in numbers)]
+
+
+def twist_rows() -> Iterable[list[str]]:
+    """Fig. 4.6 of the thesis: mirror-symmetric branches of both widths."""
+    for width, until, count in ((8.0, 3.3, 115), (15.0, np.pi, 400)):
+        for nu in (0.3, 0.4):
+            ribbon = Ribbon(width, poisson_ratio=nu)
+            branch = ribbon_twist.trace(ribbon, until=until, count=count)
+            for state in branch.states:
+                middle = [state.twist, *state.midpoint[1:], state.tilt]
+                lowest = ribbon_twist.stability(state)
+                numbers = [*middle, *lowest, *clamp_values(state)]
+                yield [f"{width:g}", f"{nu:.1f}", *(digits(x, 8) for x in numbers)]
+
+
+def ribbon_threshold_rows() -> Iterable[list[str]]:
+    """For the thesis's xi; the other forms differ by the fourth root of their factor."""
+    for nu in POISSON_RATIOS:
+        bracket = ribbon_twist.threshold_width(Ribbon(8.0, poisson_ratio=nu))
+        yield [f"{nu:.1f}", *(digits(x, 5) for x in bracket)]
+
+
+def lateral_rows() -> Iterable[list[str]]:
+    """The ribbons of Audoly and Neukirch: thickness 0.0925 mm, gravity length 62.3 mm, nu = 0.4."""
+    for width in (1.88, 5.10, 20.05):
+        for rotation in (0.01, 0.1, 0.3):
+            length = lateral_buckling.overhang(rotation, 0.0925, width, 62.3, 0.4)
+            load = (length / 62.3) ** 3
+            yield [f"{width:.2f}", f"{rotation:g}", digits(load, 6), digits(length, 5)]
+
+
 def main() -> None:
     write("audoly-neukirch-phi", ["v", "phi", "phi_sano_wada", "large_v"], phi_rows())
     write("cantilever-tips", ["load_type", "load", "x", "y"], cantilever_rows())
@@ -129,6 +181,25 @@ def main() -> None:
         ["overcurvature", "position", "x", "y", "z", "bending_out", "bending_in", "twist"],
         shape_rows(),
     )
+    clamp = ["clamp_moment", "clamp_bending", "clamp_twist", "force"]
+    write(
+        "ribbon-snap",
+        [
+            *("xi_form", "poisson_ratio", "twist", "out_of_plane", "in_plane"),
+            *("landed_out_of_plane", "landed_in_plane", "energy", "landed_energy", *clamp),
+        ],
+        snap_rows(),
+    )
+    write(
+        "ribbon-twist-branches",
+        [
+            *("width", "poisson_ratio", "twist", "out_of_plane", "in_plane", "tilt"),
+            *("symmetric", "antisymmetric", *clamp),
+        ],
+        twist_rows(),
+    )
+    write("ribbon-thresholds", ["poisson_ratio", "low", "high"], ribbon_threshold_rows())
+    write("lateral-buckling", ["width", "rotation", "load", "overhang"], lateral_rows())
 
 
 if __name__ == "__main__":

@@ -626,7 +626,7 @@ def _follow(
             if length > 1e-3 * longest:
                 continue
             weakest = states[-1].margin
-            if weakest < 0.25 * states[-1].ribbon.twisting:
+            if weakest < 0.5 * states[-1].ribbon.twisting:  # at the middle it is `twisting`
                 return Branch(tuple(states), tuple(folds), "ellipticity")
             raise NotConverged(
                 f"no step leads on from the twist {states[-1].twist:.6f} rad, where the least "
