@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lissome import literature
-from lissome.errors import InvalidInput
+from lissome._datapackage import Descriptor
+from lissome.errors import DataAwaited, InvalidInput
 from lissome.plates import (
     Conduction,
     FixedTemperature,
@@ -23,6 +27,7 @@ from lissome.plates import (
     film_laminate,
     film_layer,
     film_region,
+    measured_film_curve,
     spontaneous_history,
 )
 
@@ -132,6 +137,49 @@ def test_the_soft_film_acts_faster_than_the_stiff_one():
         assert soft(160.0) < stiff(160.0) < 0
 
 
+def test_measured_curves_take_the_place_of_fits(tmp_path):
+    # a filled slot in a copy of the data; in the repository itself it may be empty
+    folder = tmp_path / "data"
+    shutil.copytree(Descriptor().folder, folder)
+    package = Descriptor(folder)
+    resources = package.content["resources"]
+    package.content["resources"] = [r for r in resources if r["provenance"] != "digitized"]
+    package.write()
+    with pytest.raises(DataAwaited, match="film-strains"):
+        measured_film_curve("soft", folder=folder)
+    points = tmp_path / "points.csv"
+    points.write_text(
+        "film,temperature,strain\nstiff,25,0\nstiff,200,-3\nsoft,25,0\nsoft,200,-30\n"
+    )
+    project = tmp_path / "project.json"
+    pixels = [(10, 200, 0, 0), (210, 200, 200, 0), (10, 200, 0, 0), (10, 20, 0, -40)]
+    marks = [{"px": a, "py": b, "dx": str(c), "dy": str(d), "dz": None} for a, b, c, d in pixels]
+    axes = {"name": "XY", "type": "XYAxes", "isLogX": False, "isLogY": False}
+    axes["calibrationPoints"] = marks
+    project.write_text(json.dumps({"version": [4, 2], "axesColl": [axes]}))
+    literature.register(
+        slot="film-strains",
+        file=points,
+        project=project,
+        tool="WebPlotDigitizer 5.2",
+        uncertainty={"temperature": 1, "strain": 0.5},
+        declare=None,
+        folder=folder,
+    )
+    curves = {film: measured_film_curve(film, folder=folder) for film in ("soft", "stiff")}
+    assert curves["soft"](200.0) == pytest.approx(-0.30, rel=1e-12)
+    sheet = film_laminate(curves=curves)
+    hot = sheet.spontaneous(200.0)
+    mean = (17.0 * -0.03 + 2 * 3.2 * -0.30) / (17.0 + 2 * 3.2)
+    assert hot.strain_along == pytest.approx(mean, rel=1e-10)
+    with pytest.raises(InvalidInput, match="measured from 25 to 200 only"):
+        sheet.spontaneous(210.0)
+    with pytest.raises(InvalidInput, match="exclude each other"):
+        film_laminate(curves=curves, soft_width=12.0)
+    with pytest.raises(InvalidInput, match=r"lacks \['stiff'\]"):
+        film_laminate(curves={"soft": curves["soft"]})
+
+
 def test_other_stacks():
     sheet = film_laminate(("stiff", "soft"), soft_width=12.0, stiff_width=25.0)
     assert sheet.thickness == pytest.approx(60e-6, rel=1e-12)
@@ -205,6 +253,8 @@ def test_bad_input():
         film_curve("stiff", width=5.0)
     with pytest.raises(InvalidInput, match="bottom film first"):
         film_laminate("stiff", soft_width=12.0, stiff_width=25.0)
+    with pytest.raises(InvalidInput, match="prints neither"):
+        film_laminate(soft_width=12.0)
     uneven = Laminate([Layer(1.0, 1.0, 0.3), Layer(1.0, 1.0, 0.3, conductivity=2.0)])
     with pytest.raises(InvalidInput, match="conduct differently"):
         curvature_signs(uneven)

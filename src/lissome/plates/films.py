@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,7 +24,7 @@ from ..errors import InvalidInput
 from .actuation import spontaneous_history
 from .heat import Conduction, FixedTemperature, Insulated, TemperatureHistory
 from .laminate import Laminate, Layer
-from .thermal_strain import SigmoidCurve, fit_sigmoid
+from .thermal_strain import SigmoidCurve, StrainCurve, TabulatedCurve, fit_sigmoid
 
 __all__ = [
     "CurvatureSigns",
@@ -33,6 +33,7 @@ __all__ = [
     "film_laminate",
     "film_layer",
     "film_region",
+    "measured_film_curve",
 ]
 
 FILMS: tuple[str, ...] = ("stiff", "soft")
@@ -113,9 +114,38 @@ def film_curve(
     )
 
 
+def measured_film_curve(
+    film: str, *, outside: str = "refuse", folder: Any = None
+) -> TabulatedCurve:
+    """Return the measured strain of a film, once somebody has digitized Fig. 5.2B.
+
+    Parameters
+    ----------
+    film : {"stiff", "soft"}
+        Which film.
+    outside : {"refuse", "hold", "extend"}
+        See :class:`TabulatedCurve`.
+    folder : path-like, optional
+        Folder of the data, see :func:`lissome.literature.load`.
+
+    Returns
+    -------
+    TabulatedCurve
+
+    Raises
+    ------
+    DataAwaited
+        Until the slot ``film-strains`` is filled; the message says how to do it.
+    """
+    one_of("film", film, FILMS)
+    table = literature.load("film-strains", folder)
+    here = table["film"] == film
+    return TabulatedCurve(table["temperature"][here], 0.01 * table["strain"][here], outside)
+
+
 def film_layer(
     film: str,
-    curve: SigmoidCurve,
+    curve: StrainCurve,
     *,
     modulus: str = "across",
     poisson_ratio: float = 0.5,
@@ -168,10 +198,11 @@ def film_layer(
 def film_laminate(
     films: Sequence[str] = ("stiff", "soft", "soft"),
     *,
-    soft_width: float,
-    stiff_width: float,
+    soft_width: float | None = None,
+    stiff_width: float | None = None,
     stiff_transition: float | None = None,
     shape: str = "logistic",
+    curves: Mapping[str, StrainCurve] | None = None,
     modulus: str = "across",
     poisson_ratio: float = 0.5,
     tensor: str | float = "incompressible",
@@ -185,6 +216,8 @@ def film_laminate(
         By default the sheet that leaps, its stiff film down.
     soft_width, stiff_width, stiff_transition, shape
         What Table A.1 leaves open, see :func:`film_curve`.
+    curves : mapping, optional
+        Strain curves of your own for ``"soft"`` and ``"stiff"``, instead of widths.
     modulus, poisson_ratio, tensor, diffusivity
         See :func:`film_layer`.
 
@@ -206,15 +239,28 @@ def film_laminate(
             f"argument `films` is {films!r}; pass a sequence such as ('stiff', 'soft', 'soft'), the "
             "bottom film first"
         )
-    curves = {
-        "soft": film_curve("soft", width=soft_width, shape=shape),
-        "stiff": film_curve("stiff", width=stiff_width, transition=stiff_transition, shape=shape),
-    }
+    if curves is None:
+        if soft_width is None or stiff_width is None:
+            raise InvalidInput(
+                f"arguments `soft_width` and `stiff_width` are {soft_width!r} and {stiff_width!r}; the "
+                "thesis prints neither: pass both, or `curves` of your own"
+            )
+        curves = {
+            "soft": film_curve("soft", width=soft_width, shape=shape),
+            "stiff": film_curve(
+                "stiff", width=stiff_width, transition=stiff_transition, shape=shape
+            ),
+        }
+    elif soft_width is not None or stiff_width is not None or stiff_transition is not None:
+        raise InvalidInput("arguments `curves` and widths or transitions exclude each other")
+    missing = {one_of("films", film, FILMS) for film in films} - set(curves)
+    if missing:
+        raise InvalidInput(f"argument `curves` lacks {sorted(missing)}; give one for each film")
     return Laminate(
         [
             film_layer(
                 film,
-                curves[one_of("films", film, FILMS)],
+                curves[film],
                 modulus=modulus,
                 poisson_ratio=poisson_ratio,
                 tensor=tensor,
