@@ -151,7 +151,8 @@ def refuse_not_finite(
             at = ", ".join(f"{s} = {v:.6g}" for s, v in zip(strains, k[place[0]], strict=True))
             raise InvalidInput(
                 f"{name} returned {value[place]} as its {label}{which} in row {place[0]}, where {at}; "
-                "every value of a law must be finite"
+                "every value of a law must be "
+                "finite (+inf as the energy says that a strain is outside its domain)"
             )
 
 

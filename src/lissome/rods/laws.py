@@ -24,7 +24,7 @@ Compiled laws (all of this module, ribbons included) also have ``kernel`` and ``
 ``evaluate_into(k, energy, stress, stiffness, order=2)``, which writes into C-contiguous arrays and
 checks nothing. It is ``kernel(parameters, k, energy, stress, stiffness, order)``, a compiled function
 that compiled loops may call; ``parameters`` has shape (1, p) or (count, p). For other laws ``kernel``
-is None. :func:`~lissome.rods.law_checks.check_law` compares any law with finite differences.
+is None. :func:`~lissome.rods.check_law` compares any law with finite differences.
 """
 
 from __future__ import annotations

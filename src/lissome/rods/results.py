@@ -241,7 +241,7 @@ def warn_of_self_crossings(
     nodes, distance, closed
         As of :func:`self_crossings`.
     stacklevel : int
-        Of the warning, as of :func:`warnings.warn`.
+        Of the warning, as of ``warnings.warn``.
 
     Warns
     -----

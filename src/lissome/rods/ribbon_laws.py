@@ -28,7 +28,7 @@ __all__ = ["CROSSOVERS", "RefinedRibbon", "SanoWada", "crossover_length", "ribbo
 Array = NDArray[np.float64]
 
 CROSSOVERS: tuple[str, ...] = ("thesis", "audoly-neukirch", "halved")
-"""Names of the three published forms of the crossover length: see :func:`crossover_length`."""
+"""Names of the three published forms of the crossover length: see :func:`~lissome.rods.crossover_length`."""
 
 
 def crossover_length(

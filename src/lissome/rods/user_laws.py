@@ -1,7 +1,7 @@
 r"""Laws of the user's own: one numpy function, or an energy written in SymPy.
 
 Both kinds work with strain densities (1/length), so that they never depend on the mesh, and are
-checked once, when they are made, by :func:`~lissome.rods.law_checks.check_law`.
+checked once, when they are made, by :func:`~lissome.rods.check_law`.
 """
 
 from __future__ import annotations
