@@ -176,7 +176,8 @@ def test_no_hinge_turns_past_pi_in_a_step():
         for t in np.linspace(0, fraction, 200):
             q, kappa = np.empty((SEGMENTS - 1, 4)), np.empty((SEGMENTS - 1, 3))
             frames = rod.frames(rod.retract(state, t * dx))
-            kernel.hinge_rotations(frames, rod.layout.plan, q, kappa)
+            plan = rod.layout.plan
+            kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
             angles.append(2 * np.arccos(np.clip(q[:, 0], -1, 1)))
         steps = np.abs(np.diff(angles, axis=0))
         assert np.max(angles) < np.pi * (1 - 1e-3) or fraction == 1

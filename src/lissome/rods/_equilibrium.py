@@ -131,7 +131,7 @@ class RodEquilibrium(Equilibrium):
         plan = rod.layout.plan
         frames = rod.frames(self.state)
         q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
-        _kernel.hinge_rotations(frames, plan, q, kappa)
+        _kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
         stress = np.array(self.moments)
         if rod.measure != "sine":
             pull_back_all(CODES[rod.measure], q, stress, np.zeros((0, 3, 3)), 1)
@@ -391,5 +391,5 @@ def _total_twist(rod: Rod, state: RodState) -> float:
     """Return the total twist, in turns."""
     plan = rod.layout.plan
     q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
-    _kernel.hinge_rotations(rod.frames(state), plan, q, kappa)
+    _kernel.hinge_rotations(rod.frames(state), plan.left, plan.right, plan.twist, q, kappa)
     return results.total_twist(q)

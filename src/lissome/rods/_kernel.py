@@ -32,6 +32,8 @@ from .._compile import jit as _jit
 from .quaternions import exp_of, mul, normalized
 
 jit = _jit(error_model="numpy", no_cfunc_wrapper=True)
+# Called by compiled code only: less to compile.
+inner = _jit(error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True)
 
 
 class Plan(NamedTuple):
@@ -104,16 +106,18 @@ class Plan(NamedTuple):
 
 
 @jit
-def hinge_rotations(frames, plan, q, kappa):
+def hinge_rotations(frames, left, right, twist, q, kappa):
     """Write the rotation across each hinge (n, 4), scalar part not negative, and kappa = 2 vec q."""
-    for i in range(plan.left.size):
-        a = plan.left[i]
-        b = plan.right[i]
-        p0, p1, p2, p3 = frames[a, 0], -frames[a, 1], -frames[a, 2], -frames[a, 3]
-        r0, r1, r2, r3 = frames[b, 0], frames[b, 1], frames[b, 2], frames[b, 3]
-        s, x, y, z = mul((p0, p1, p2, p3), (r0, r1, r2, r3))  # (4.14)
-        if plan.twist[i, 1] != 0.0:
-            s, x, y, z = mul((s, x, y, z), (plan.twist[i, 0], 0.0, 0.0, plan.twist[i, 1]))
+    for i in range(left.size):
+        a = left[i]
+        b = right[i]
+        p = (frames[a, 0], -frames[a, 1], -frames[a, 2], -frames[a, 3])
+        r = (frames[b, 0], frames[b, 1], frames[b, 2], frames[b, 3])
+        s, x, y, z = mul(p, r)  # (4.14)
+        if twist[i, 1] != 0.0:  # times the turn about d3
+            c = twist[i, 0]
+            d = twist[i, 1]
+            s, x, y, z = s * c - z * d, x * c + y * d, y * c - x * d, z * c + s * d
         sign = -1.0 if s < 0.0 else 1.0
         q[i, 0] = sign * s
         q[i, 1] = sign * x
@@ -124,16 +128,7 @@ def hinge_rotations(frames, plan, q, kappa):
         kappa[i, 2] = 2.0 * sign * z
 
 
-@jit
-def excess_densities(plan, strain, density):
-    """Write strain densities, without the natural ones, of integrated strains (n, 3)."""
-    for i in range(plan.span.size):
-        share = 1.0 / plan.span[i]
-        for k in range(3):
-            density[i, k] = share * strain[i, k] - plan.natural[i, k]
-
-
-@jit
+@inner
 def _row(plan, r, j, d):
     """Return what constraint r sums of the vector d of segment j."""
     k = plan.rows[r, 0]
@@ -142,7 +137,7 @@ def _row(plan, r, j, d):
     return plan.phase[j] * (plan.normal[0] * d[0] + plan.normal[1] * d[1] + plan.normal[2] * d[2])
 
 
-@jit
+@inner
 def _add(band, border, corner, i, j, value):
     """Add to the entries (i, j) and (j, i) of the bordered band."""
     length = band.shape[0]
@@ -158,7 +153,18 @@ def _add(band, border, corner, i, j, value):
             corner[high - length, low - length] += value
 
 
-@jit
+@inner
+def _add_lower(band, border, corner, c, ce, block):
+    """Add the lower triangle of a block to the unknowns c, c + 1, c + 2 and ce of a segment."""
+    for r in range(4):
+        row = c + r if r < 3 else ce
+        for k in range(r + 1):
+            col = c + k if k < 3 else ce
+            if (c if r < 3 else ce) >= 0 and (c if k < 3 else ce) >= 0:
+                _add(band, border, corner, row, col, block[r, k])
+
+
+@inner
 def _add_pair(band, border, corner, plan, a, b, block):
     """Add the block of two frames (rows a, columns b), projected where a frame has one unknown."""
     ca = plan.column[a]
@@ -233,6 +239,7 @@ def assemble(
         band[:] = 0.0
         border[:] = 0.0
         corner[:] = 0.0
+    block = np.zeros((4, 4))
     # ---- segments: dead forces, stretching, rows of the border
     lost = np.zeros(m)
     sums[:] = 0.0
@@ -287,35 +294,46 @@ def assemble(
             gradient[ce] += plan.lengths[j] * (plan.stiffness * strain * e - p3)
         if order == 1:
             continue
-        if 0 <= c < length:
+        low = 0.5 * le
+        bend = plan.lengths[j] * plan.stiffness * (e * e + strain)
+        if 0 <= c < length and (ce < 0 or ce < length):
             band[c, 0] += le * p3
             band[c + 1, 0] += le * p3
-            band[c, 2] -= 0.5 * le * p1
-            band[c + 1, 1] -= 0.5 * le * p2
-        elif c >= 0:
-            _add(band, border, corner, c, c, le * p3)
-            _add(band, border, corner, c + 1, c + 1, le * p3)
-            _add(band, border, corner, c + 2, c, -0.5 * le * p1)
-            _add(band, border, corner, c + 2, c + 1, -0.5 * le * p2)
-        if ce >= 0:
-            bend = plan.lengths[j] * plan.stiffness * (e * e + strain)
-            _add(band, border, corner, ce, ce, bend)
-            if c >= 0:
-                _add(band, border, corner, ce, c, plan.lengths[j] * p2)
-                _add(band, border, corner, ce, c + 1, -plan.lengths[j] * p1)
+            band[c, 2] -= low * p1
+            band[c + 1, 1] -= low * p2
+            if ce >= 0:  # it stands after the three angles
+                band[ce, 0] += bend
+                band[c, 3] += plan.lengths[j] * p2
+                band[c + 1, 2] -= plan.lengths[j] * p1
+        else:
+            block[:] = 0.0
+            block[0, 0] = le * p3
+            block[1, 1] = le * p3
+            block[2, 0] = -low * p1
+            block[2, 1] = -low * p2
+            block[3, 3] = bend
+            block[3, 0] = plan.lengths[j] * p2
+            block[3, 1] = -plan.lengths[j] * p1
+            _add_lower(band, border, corner, c, ce, block)
         for r in range(m):
             if plan.rows[r, 1] <= j < plan.rows[r, 2]:
-                if 0 <= c < length:
-                    border[c, first_row - length + r] = -le * _row(plan, r, j, d2)
-                    border[c + 1, first_row - length + r] = le * _row(plan, r, j, d1)
-                elif c >= 0:
-                    _add(band, border, corner, c, first_row + r, -le * _row(plan, r, j, d2))
-                    _add(band, border, corner, c + 1, first_row + r, le * _row(plan, r, j, d1))
-                if ce >= 0:
-                    w = plan.lengths[j] * _row(plan, r, j, d3)
-                    _add(band, border, corner, ce, first_row + r, w)
+                at = first_row - length + r
+                for k in range(3):
+                    col = c + k if k < 2 else ce
+                    if (c if k < 2 else ce) < 0:
+                        continue
+                    if k == 0:
+                        value = -le * _row(plan, r, j, d2)
+                    elif k == 1:
+                        value = le * _row(plan, r, j, d1)
+                    else:
+                        value = plan.lengths[j] * _row(plan, r, j, d3)
+                    if col < length:
+                        border[col, at] = value
+                    else:
+                        corner[col - length, at] = value
+                        corner[at, col - length] = value
     # ---- couples
-    block = np.zeros((3, 3))
     p = np.zeros(3)
     for i in range(plan.arms.shape[0]):
         j = int(plan.arms[i, 0])
@@ -335,7 +353,7 @@ def assemble(
                 for k in range(3):
                     block[r, k] = -0.5 * (p[r] * arm[k] + arm[r] * p[k])
                 block[r, r] += pa
-            _add_pair(band, border, corner, plan, j, j, block)
+            _add_lower(band, border, corner, c, -1, block)
     # ---- hinges
     if order >= 1:
         _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, order)
@@ -344,7 +362,7 @@ def assemble(
     return energy
 
 
-@jit
+@inner
 def _body(s, x, y, z, w, out):
     """Write the components of the spatial vector w in the frame."""
     out[0] = (
@@ -364,7 +382,7 @@ def _body(s, x, y, z, w, out):
     )
 
 
-@jit
+@inner
 def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, order):
     """Add gradient and Hessian of the energy of the hinges."""
     length = plan.length
@@ -372,9 +390,10 @@ def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, orde
     cross = np.zeros((3, 3))
     cx = np.zeros((3, 3))
     cxt = np.zeros((3, 3))
-    aa = np.zeros((3, 3))
-    ab = np.zeros((3, 3))
-    bb = np.zeros((3, 3))
+    blocks = np.zeros((3, 3, 3))
+    aa = blocks[0]
+    bb = blocks[1]
+    ab = blocks[2]
     for i in range(plan.left.size):
         a = plan.left[i]
         b = plan.right[i]
@@ -476,12 +495,13 @@ def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, orde
                         band[cb + k, r - k] += bb[r, k]
                     band[ca + k, step + r - k] += ab[k, r]
         else:
-            _add_pair(band, border, corner, plan, a, a, aa)
-            _add_pair(band, border, corner, plan, b, b, bb)
-            _add_pair(band, border, corner, plan, a, b, ab)
+            for side in range(3):
+                f = b if side == 1 else a
+                h = a if side == 0 else b
+                _add_pair(band, border, corner, plan, f, h, blocks[side])
 
 
-@jit
+@inner
 def _turn_vector(w, c, s):
     """Turn a vector about d3, by the angle whose half has cosine c and sine s."""
     cos = c * c - s * s
@@ -492,32 +512,35 @@ def _turn_vector(w, c, s):
 
 
 @jit
-def retract(frames, stretches, step, dx, plan, new_frames, new_stretches, angles, new_angles):
-    """Write the state after the fraction `step` of the increment `dx` (by position)."""
-    count = plan.lengths.size
+def retract(
+    frames, stretches, angles, dx, column, turning, axis, stretch_column, first_angle, new_frames,
+    new_stretches, new_angles,
+):  # fmt: skip
+    """Write the state after the increment `dx` (by position)."""
+    count = stretches.size
     for f in range(frames.shape[0]):
-        c = plan.column[f]
+        c = column[f]
         d = (frames[f, 0], frames[f, 1], frames[f, 2], frames[f, 3])
         if c >= 0:
-            if plan.turning[f]:
-                turn = step * dx[c]
-                theta = (turn * plan.axis[f, 0], turn * plan.axis[f, 1], turn * plan.axis[f, 2])
-                k = c - plan.first_angle
+            if turning[f]:
+                turn = dx[c]
+                theta = (turn * axis[f, 0], turn * axis[f, 1], turn * axis[f, 2])
+                k = c - first_angle
                 new_angles[k] = angles[k] + turn
             else:
-                theta = (step * dx[c], step * dx[c + 1], step * dx[c + 2])
+                theta = (dx[c], dx[c + 1], dx[c + 2])
             d = normalized(mul(d, exp_of(theta)))
         new_frames[f, 0] = d[0]
         new_frames[f, 1] = d[1]
         new_frames[f, 2] = d[2]
         new_frames[f, 3] = d[3]
     for j in range(count):
-        ce = plan.stretch_column[j]
-        new_stretches[j] = stretches[j] + (step * dx[ce] if ce >= 0 else 0.0)
+        ce = stretch_column[j]
+        new_stretches[j] = stretches[j] + (dx[ce] if ce >= 0 else 0.0)
 
 
 @jit
-def largest_step(stretches, q, dx, plan):
+def largest_step(stretches, q, dx, left, right, twist, column, turning, axis, stretch_column):
     """Return the largest fraction of `dx` at which no hinge reaches the angle pi.
 
     Along exp(-ta/2) q exp(tb/2) the angular velocity is constant in size: |b - R(q)^T a|.
@@ -525,19 +548,19 @@ def largest_step(stretches, q, dx, plan):
     fraction = 1.0
     w = np.zeros((2, 3))
     turned = np.zeros(3)
-    for i in range(plan.left.size):
+    for i in range(left.size):
         for side in range(2):
-            f = plan.left[i] if side == 0 else plan.right[i]
-            c = plan.column[f]
+            f = left[i] if side == 0 else right[i]
+            c = column[f]
             for k in range(3):
                 if c < 0:
                     w[side, k] = 0.0
-                elif plan.turning[f]:
-                    w[side, k] = dx[c] * plan.axis[f, k]
+                elif turning[f]:
+                    w[side, k] = dx[c] * axis[f, k]
                 else:
                     w[side, k] = dx[c + k]
-        if plan.twist[i, 1] != 0.0:  # b in the frame that is compared
-            _turn_vector(w[1], plan.twist[i, 0], -plan.twist[i, 1])
+        if twist[i, 1] != 0.0:  # b in the frame that is compared
+            _turn_vector(w[1], twist[i, 0], -twist[i, 1])
         s, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
         _body(s, x, y, z, w[0], turned)
         speed = math.sqrt(
@@ -547,8 +570,8 @@ def largest_step(stretches, q, dx, plan):
         room = 0.9 * (math.pi - angle)
         if speed * fraction > room:
             fraction = room / speed
-    for j in range(plan.lengths.size):
-        ce = plan.stretch_column[j]
+    for j in range(stretches.size):
+        ce = stretch_column[j]
         if ce >= 0 and dx[ce] < 0.0:
             fraction = min(fraction, -0.9 * stretches[j] / dx[ce])
     return max(fraction, 1e-6)

@@ -314,7 +314,7 @@ def derive(rod: Rod) -> Layout:
         column=skeleton.column,
         axis=axis,
         turning=skeleton.turning,
-        lengths=rod.lengths,
+        lengths=np.array(rod.lengths),
         rows=skeleton.rows,
         phase=skeleton.phase,
         normal=skeleton.normal,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import FactorizationError
 from ..factorization import ChainKKT
 from . import _kernel
-from .measures import CODES, measure_all, pull_back_all
+from .measures import CODES, pull_back_all
 
 if TYPE_CHECKING:
     from ._structure import Rod, RodState
@@ -32,8 +32,7 @@ def reach_supports(rod: Rod, state: RodState) -> RodState:
     plan = layout.plan
     m = plan.rows.shape[0]
     zero, none = np.zeros(m), np.zeros(rod.size)
-    angle, _, _ = _evened(rod, state)
-    if np.max(np.abs(angle)) > 0.5:
+    if np.max(np.abs(_excess_angles(rod, state)[2])) > 0.5:
         state = _even_out(rod, state)
     if m == 0:
         return state
@@ -76,27 +75,36 @@ def reach_supports(rod: Rod, state: RodState) -> RodState:
     return state
 
 
-def _evened(rod: Rod, state: RodState) -> tuple[Array, Array, float]:
-    """Return excess angles of the hinges, and gradient and value of their squares over lengths."""
-    layout = rod.layout
-    plan = layout.plan
+def _excess_angles(rod: Rod, state: RodState) -> tuple[Array, Array, Array]:
+    """Return frames, rotations of the hinges, and their rotation vectors beyond the natural ones."""
+    plan = rod.layout.plan
     n = plan.left.size
     frames = rod.frames(state)
-    q, angle = np.empty((n, 4)), np.empty((n, 3))
-    _kernel.hinge_rotations(frames, plan, q, angle)
-    measure_all(CODES["angle"], q, angle)
-    angle -= layout.plan.natural * plan.span[:, None]
+    q, vector = np.empty((n, 4)), np.empty((n, 3))
+    _kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, vector)
+    size = np.sqrt(np.sum(q[:, 1:] ** 2, axis=1))
+    angle = 2.0 * np.arctan2(size, q[:, 0])
+    factor = np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 2.0)
+    return frames, q, factor[:, None] * q[:, 1:] - plan.natural * plan.span[:, None]
+
+
+def _evened(rod: Rod, state: RodState) -> tuple[Array, float]:
+    """Return gradient and value of the squares of the excess angles over the lengths of hinges."""
+    layout = rod.layout
+    plan = layout.plan
+    n, m = plan.left.size, plan.rows.shape[0]
+    frames, q, angle = _excess_angles(rod, state)
     stress = angle / plan.span[:, None]
     value = 0.5 * float(np.sum(stress * angle))
     pull_back_all(CODES["angle"], q, stress, np.zeros((0, 3, 3)), 1)
     gradient = np.empty(plan.length + layout.border)
-    m = plan.rows.shape[0]
     _kernel.assemble(
-        frames, state.stretches, state.angles, q, np.zeros(n), stress, np.zeros((0, 3, 3)),
-        _without_loads(plan), np.zeros(m), gradient, np.empty((0, layout.width + 1)),
-        np.empty((0, layout.border)), np.empty((layout.border, layout.border)), np.empty(m), 1,
+        frames, np.array(state.stretches), np.array(state.angles), q, np.zeros(n), stress,
+        np.zeros((0, 3, 3)), _without_loads(plan), np.zeros(m), gradient,
+        np.empty((0, layout.width + 1)), np.empty((0, layout.border)),
+        np.empty((layout.border, layout.border)), np.empty(m), 1,
     )  # fmt: skip
-    return angle, gradient[: rod.size], value
+    return gradient[: rod.size], value
 
 
 def _even_out(rod: Rod, state: RodState) -> RodState:
@@ -109,7 +117,7 @@ def _even_out(rod: Rod, state: RodState) -> RodState:
 
     def merit(state: RodState) -> tuple[float, Array, Array]:
         violation = rod.evaluate(state, zero, 0).constraints
-        _, gradient, value = _evened(rod, state)
+        gradient, value = _evened(rod, state)
         return value + 0.5 * float(violation @ violation) / soft, gradient, violation
 
     value, gradient, violation = merit(state)
@@ -159,13 +167,13 @@ def _unstressed(rod: Rod, state: RodState) -> ChainKKT:
     m = plan.rows.shape[0]
     frames = rod.frames(state)
     q, kappa = np.empty((n, 4)), np.empty((n, 3))
-    _kernel.hinge_rotations(frames, plan, q, kappa)
+    _kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
     band = np.empty((plan.length, layout.width + 1))
     border = np.empty((plan.length, layout.border))
     corner = np.empty((layout.border, layout.border))
     _kernel.assemble(
-        frames, state.stretches, state.angles, q, np.zeros(n), np.zeros((n, 3)), stiffness,
-        _without_loads(plan), np.zeros(m), np.empty(plan.length + layout.border), band, border,
+        frames, np.array(state.stretches), np.array(state.angles), q, np.zeros(n), np.zeros((n, 3)),
+        stiffness, _without_loads(plan), np.zeros(m), np.empty(plan.length + layout.border), band, border,
         corner, np.empty(m), 2,
     )  # fmt: skip
     return ChainKKT(band, border.T, corner, layout=layout.chain)

@@ -523,7 +523,9 @@ class Rod(BaseStructure):
     def positions(self, state: RodState) -> Array:
         """Return the positions of the nodes, shape (N + 1, 3)."""
         out = np.empty((self.lengths.size + 1, 3))
-        _kernel.positions(state.quaternions, state.stretches, self.lengths, out)
+        _kernel.positions(
+            np.array(state.quaternions), np.array(state.stretches), np.array(self.lengths), out
+        )
         return out + state.origin
 
     @property
@@ -613,7 +615,9 @@ class Rod(BaseStructure):
         origin = np.array(state.origin)
         if any(a is not None for a in layout.anchors):
             places = np.empty((self.lengths.size + 1, 3))
-            _kernel.positions(quaternions, stretches, self.lengths, places)
+            _kernel.positions(
+                np.array(quaternions), np.array(stretches), np.array(self.lengths), places
+            )
             for k, anchor in enumerate(layout.anchors):
                 if anchor is not None:
                     origin[k] = anchor[1] - places[anchor[0], k]
@@ -623,7 +627,7 @@ class Rod(BaseStructure):
         """Return the frames of segments and supports, shape (K, 4)."""
         layout = self.layout
         if not layout.fixed.shape[0]:
-            return state.quaternions
+            return np.array(state.quaternions)
         fixed = np.array(layout.fixed)
         if layout.hinged.size:
             turns = exponential(state.angles[:, None] * layout.turning_axes)
@@ -632,15 +636,16 @@ class Rod(BaseStructure):
 
     def retract(self, state: RodState, dx: Array) -> RodState:
         """Return the state after the body increments `dx`."""
-        layout = self.layout
+        plan = self.layout.plan
         frames = self.frames(state)
         new, stretches = np.empty_like(frames), np.empty_like(state.stretches)
         angles = np.array(state.angles)
-        dx = np.ascontiguousarray(dx, dtype=float)
+        dx = np.array(dx, dtype=float)
         _kernel.retract(
-            frames, state.stretches, 1.0, dx, layout.plan, new, stretches, state.angles, angles
-        )
-        quaternions = new[: self.lengths.size] if frames is not state.quaternions else new
+            frames, np.array(state.stretches), np.array(state.angles), dx, plan.column, plan.turning,
+            plan.axis, plan.stretch_column, plan.first_angle, new, stretches, angles,
+        )  # fmt: skip
+        quaternions = new[: self.lengths.size]
         return self._placed(quaternions, stretches, angles, state)
 
     def _placed(
@@ -650,7 +655,9 @@ class Rod(BaseStructure):
         origin = np.array(old.origin)
         if any(a is not None and a[0] for a in layout.anchors):
             places = np.empty((self.lengths.size + 1, 3))
-            _kernel.positions(quaternions, stretches, self.lengths, places)
+            _kernel.positions(
+                np.array(quaternions), np.array(stretches), np.array(self.lengths), places
+            )
             for k, anchor in enumerate(layout.anchors):
                 if anchor is not None:
                     origin[k] = anchor[1] - places[anchor[0], k]
@@ -675,9 +682,14 @@ class Rod(BaseStructure):
         """Return the fraction of `dx` at which no hinge turns past pi and no segment vanishes."""
         plan = self.layout.plan
         q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
-        _kernel.hinge_rotations(self.frames(state), plan, q, kappa)
-        dx = np.ascontiguousarray(dx, dtype=float)
-        return float(_kernel.largest_step(state.stretches, q, dx, plan))
+        _kernel.hinge_rotations(self.frames(state), plan.left, plan.right, plan.twist, q, kappa)
+        dx = np.array(dx, dtype=float)
+        return float(
+            _kernel.largest_step(
+                np.array(state.stretches), q, dx, plan.left, plan.right, plan.twist, plan.column,
+                plan.turning, plan.axis, plan.stretch_column,
+            )
+        )  # fmt: skip
 
     def metric(self, state: RodState) -> Array:
         """Return rest lengths as masses: norms approximate integrals over the rod."""
@@ -731,7 +743,7 @@ class Rod(BaseStructure):
         """Return the strain densities of the hinges, shape (n, 3), natural strains included."""
         plan = self.layout.plan
         q, strain = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
-        _kernel.hinge_rotations(self.frames(state), plan, q, strain)
+        _kernel.hinge_rotations(self.frames(state), plan.left, plan.right, plan.twist, q, strain)
         if self.measure != "sine":
             measure_all(CODES[self.measure], q, strain)
         return strain / plan.span[:, None]
@@ -747,12 +759,11 @@ class Rod(BaseStructure):
             )
         frames = self.frames(state)
         q, strain = np.empty((n, 4)), np.empty((n, 3))
-        _kernel.hinge_rotations(frames, plan, q, strain)
+        _kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, strain)
         other = self.measure != "sine"
         if other:
             measure_all(CODES[self.measure], q, strain)
-        excess = np.empty((n, 3))
-        _kernel.excess_densities(plan, strain, excess)
+        excess = strain / plan.span[:, None] - plan.natural
         first, second = order >= 1, order >= 2
         values: Array
         stress: Array
@@ -780,8 +791,8 @@ class Rod(BaseStructure):
         corner = np.empty((layout.border, layout.border))
         constraints = np.empty(m)
         energy = _kernel.assemble(
-            frames, state.stretches, state.angles, q, values, stress, stiffness, plan, multipliers,
-            gradient, band, border, corner, constraints, order,
+            frames, np.array(state.stretches), np.array(state.angles), q, values, stress,
+            stiffness, plan, np.array(multipliers), gradient, band, border, corner, constraints, order,
         )  # fmt: skip
         if layout.net_force is not None:
             energy -= float(layout.net_force @ self._fixed_position(state))
