@@ -33,6 +33,7 @@ from .films import (
     film_laminate,
     film_layer,
     film_region,
+    measured_film_curve,
 )
 from .heat import (
     Conduction,
@@ -94,6 +95,7 @@ __all__ = [
     "fit_sigmoid",
     "flight_from_heights",
     "launch_speed_with_drag",
+    "measured_film_curve",
     "require_inside",
     "spontaneous_history",
     "terminal_speed",
