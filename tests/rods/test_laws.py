@@ -10,9 +10,10 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import lissome as ls
 from lissome import literature
 from lissome.errors import InvalidInput
-from lissome.rods import ribbon_laws
+from lissome.rods import ribbon_laws, shapes
 from lissome.rods.law_checks import check_law
 from lissome.rods.laws import Kirchhoff, Law
 from lissome.rods.ribbon_laws import (
@@ -472,6 +473,41 @@ def test_infinite_energy_is_the_border_of_the_domain():
 
     energy = FunctionLaw(function).energy([[1.0, 0, 0], [6.0, 0, 0]])
     assert energy.tolist() == [0.5, math.inf]
+
+
+def test_solver_stays_inside_the_domain_of_a_law():
+    """A curvature that a law forbids, by an infinite energy: W = k1^2/2 - log(1 - (k1/5)^2) + ..."""
+
+    def locking(k):
+        x = k[:, 0] / 5
+        u = np.where(np.abs(x) < 1, 1 - x**2, 1.0)
+        energy = np.where(np.abs(x) < 1, 12.5 * x**2 - np.log(u), np.inf)
+        energy = energy + 0.85 * k[:, 1] ** 2 + 0.6 * k[:, 2] ** 2
+        stress = np.stack([k[:, 0] + 0.4 * x / u, 1.7 * k[:, 1], 1.2 * k[:, 2]], axis=1)
+        stiffness = np.zeros((len(k), 3, 3))
+        stiffness[:, 0, 0] = 1 + 0.08 * (1 + x**2) / u**2
+        stiffness[:, 1, 1], stiffness[:, 2, 2] = 1.7, 1.2
+        return energy, stress, stiffness
+
+    given = FunctionLaw(locking)
+    symbolic = SymbolicLaw(
+        K1**2 / 2 - sp.log(1 - (K1 / 5) ** 2) + 0.85 * K2**2 + 0.6 * K3**2, STRAINS
+    )
+    found = []
+    for law in (given, symbolic):
+        rod = shapes.straight(1.0, 40, law).clamped("start").loaded(end=(0.0, 0.1, -50.0))
+        found.append(ls.equilibrate(rod))
+        assert 4.0 < np.abs(found[-1].strains[:, 0]).max() < 5.0
+        assert found[-1].stable
+    assert found[0].energy == pytest.approx(found[1].energy, rel=1e-9)
+
+    def forgetful(k):
+        energy, stress, stiffness = locking(k)
+        return np.where(np.isinf(energy), np.nan, energy), stress, stiffness
+
+    rod = shapes.straight(1.0, 40, FunctionLaw(forgetful)).clamped("start")
+    with pytest.raises(InvalidInput, match=r"nan as its energy W in row .* where curvature_1 ="):
+        ls.equilibrate(rod.loaded(end=(0.0, 0.1, -200.0)))
 
 
 def test_law_with_other_strains():
