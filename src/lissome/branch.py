@@ -50,6 +50,7 @@ from ._corrector import (
     correct,
     correct_on_plane,
     critical_modes,
+    gauge_of,
     lowest_of_stable,
     member,
     typical_size,
@@ -1042,9 +1043,24 @@ class _Follower:
         )
         values.append(self.known[1])
         if min(values[1:]) < max(abs(np.diff(values))):
+            if self._interpolated_index(end, 0.5 * end.sigma) == end.index:
+                return
             middle = self._on_step(end, 0.5 * end.sigma)
             if middle.index != end.index and not middle.balanced.marginal:
                 raise _TooLong("stability is lost and regained within one step")
+
+    def _interpolated_index(self, end: _Point, sigma: float) -> int | None:
+        """Return the number of unstable directions on the parabola through the step.
+
+        It differs from the branch by the third power of the step; None if it cannot be told there.
+        """
+        try:
+            structure, state, multipliers = self._displaced(*self._interpolated(end, sigma))
+            kkt = structure.evaluate(state, multipliers, 2).kkt
+            factors = kkt.factorize(gauge=gauge_of(structure, state))
+        except (CorrectionFailed, FactorizationError):
+            return None
+        return None if factors.inertia[2] else factors.index
 
     def _next_tangent(self, point: _Point, deviation: float) -> _Tangent:
         metric = self._metric(self.anchor)
