@@ -13,6 +13,7 @@ from typing import Any
 
 from scipy.special import ive
 
+from .._units import magnitude
 from ..errors import InvalidInput
 
 __all__ = ["Illumination", "absorption_moment", "illumination"]
@@ -72,30 +73,11 @@ def absorption_moment(ratio: float) -> float:
     return 0.5 * math.sqrt(0.5 * math.pi / v) * float(ive(1.5, v))
 
 
-def _magnitude(name: str, value: Any, unit: str) -> float:
-    import pint
+_EXAMPLES = {"m**2/W": "-5.4e-5 m^2/W", "W/m**2": "100 W/m^2", "m": "15 um"}
 
-    registry = pint.get_application_registry()
-    example = {"m**2/W": "'-5.4e-5 m^2/W'", "W/m**2": "'100 W/m^2'", "m": "'15 um'"}[unit]
-    wanted = f"pass a quantity with units of {unit}, such as {example} or a pint.Quantity"
-    if isinstance(value, str):
-        try:
-            quantity = registry.Quantity(value)
-        except Exception as error:
-            raise InvalidInput(
-                f"argument `{name}` is {value!r}, which is no quantity ({error}); {wanted}"
-            ) from error
-    elif isinstance(value, pint.Quantity):
-        quantity = value
-    else:
-        raise InvalidInput(f"argument `{name}` is {value!r}, without units; {wanted}")
-    try:
-        number = float(quantity.to(unit).magnitude)
-    except (pint.DimensionalityError, TypeError, ValueError) as error:
-        raise InvalidInput(f"argument `{name}` is {value!s}; {wanted} ({error})") from error
-    if not math.isfinite(number):
-        raise InvalidInput(f"argument `{name}` is {value!s}; it must be finite")
-    return number
+
+def _magnitude(name: str, value: Any, unit: str) -> float:
+    return magnitude(name, value, unit, _EXAMPLES[unit])
 
 
 def illumination(
