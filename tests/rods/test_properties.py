@@ -5,7 +5,7 @@ frames with quaternions of complex numbers, so that gradients come by the comple
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -82,6 +82,7 @@ class Opinion:
     held: bool  # whether the position of the end is prescribed
     force: np.ndarray  # on the end
     weight: np.ndarray  # per length, on all nodes
+    joint: float | None = None  # of a closed rod: its hinge N joins the last segment with the first
 
     def energy(self, frames, increments):
         """Energies for increments of shape (..., N, 3)."""
@@ -97,6 +98,12 @@ class Opinion:
             left.append(d[..., -1:, :])
             right.append(np.broadcast_to(self.end, (*batch, 1, 4)))
             spans, nodes = [*spans, self.lengths[-1:] / 2], [*nodes, [n]]
+        if self.joint is not None:
+            turn = exponential(np.array([[0.0, 0.0, self.joint]])).real
+            left.append(d[..., -1:, :])
+            right.append(product(d[..., :1, :], turn))
+            spans.append((self.lengths[:1] + self.lengths[-1:]) / 2)
+            nodes.append([0])
         q = product(conjugated(np.concatenate(left, axis=-2)), np.concatenate(right, axis=-2))
         span, node = np.concatenate(spans), np.concatenate(nodes).astype(int)
         k = measured(q, self.measure) / span[:, None] - self.natural[node]
@@ -363,6 +370,137 @@ def test_what_is_asked_for_in_any_state_says_whether_it_is_stable(case):
     assert unbalanced < 1e-7 * (np.abs(eq.moments).max() + stiffness)
     if abs(least) > 1e-5 * largest:  # beyond the error of the differences
         assert eq.stable == (least > 0)
+
+
+@st.composite
+def rings(draw):
+    """A closed rod that nothing holds, its second opinion, and a state that need not close."""
+    law, density, stiffness = draw(laws())
+    n = draw(st.integers(5, 9))
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    lengths = random.uniform(0.8, 1.2, n)
+    lengths /= lengths.sum()
+    measure = draw(st.sampled_from(["sine", "angle", "averaged"]))
+    turns = draw(st.sampled_from([0.0, 0.5, 1.0]))
+    circle = rods.ring(law=law, lengths=lengths, measure=measure, turns=turns)
+    natural = random.normal(size=(n + 1, 3)) * draw(st.floats(0.0, 3.0))
+    natural[-1] = natural[0]
+    shaken = random.normal(size=(n, 3)) * draw(st.floats(0.0, 0.2))
+    shaken[0] = 0.0  # the first segment is held
+    frames = product(circle.initial.quaternions, exponential(shaken).real)
+    rod = rods.Rod(
+        law, lengths, natural, closed=True, joint=circle.joint, measure=measure, phase=None,
+        initial=RodState(frames),
+    )  # fmt: skip
+    zero = np.zeros(3)
+    opinion = Opinion(
+        density, lengths, natural, measure, None, None, True, zero, zero, joint=circle.joint
+    )
+    return rod, opinion, stiffness
+
+
+@given(rings())
+@FEW
+def test_ring_gradient_and_hessian(case):
+    rod, opinion, stiffness = case
+    frames = rod.initial.quaternions
+    n = frames.shape[0]
+    multipliers = np.random.default_rng(2).normal(size=3)
+    assert rod.size == 3 * (n - 1) and rod.constraints_count == 3
+    found = rod.evaluate(rod.initial, multipliers, 2)
+    zero = np.zeros((n, 3))
+    assert found.energy == pytest.approx(
+        opinion.energy(frames, zero).real, rel=1e-10, abs=1e-10 * stiffness
+    )
+    gradient, jacobian = (part[..., 3:] for part in opinion.slopes(frames, zero))
+    rows = np.array([found.kkt.apply(np.zeros(3 * n - 3), e)[0] for e in np.eye(3)])
+    signs = np.sign(np.einsum("ij,ij->i", rows, jacobian))
+    np.testing.assert_allclose(rows, signs[:, None] * jacobian, atol=1e-10)
+    np.testing.assert_allclose(
+        signs * found.constraints, opinion.last(frames, zero).real, atol=1e-12
+    )
+    lagrange = signs * multipliers
+    scale = np.abs(gradient).max() + 1.0
+    np.testing.assert_allclose(found.gradient, gradient + lagrange @ jacobian, atol=1e-8 * scale)
+    hessian = opinion.curvature(frames, lagrange)[3:, 3:]
+    applied = np.array([found.kkt.apply(e, np.zeros(3))[0] for e in np.eye(3 * n - 3)])
+    np.testing.assert_allclose(applied, hessian, atol=3e-6 * np.abs(hessian).max())
+
+
+@given(rings())
+@FEW
+def test_ring_in_equilibrium_is_balanced_and_stable(case):
+    rod, opinion, stiffness = case
+    try:
+        eq = ls.equilibrate(rod)
+    except HONEST_FAILURES:
+        return
+    frames = eq.state.quaternions
+    zero = np.zeros(frames.shape)[:, :3]
+    np.testing.assert_allclose(opinion.last(frames, zero).real, 0.0, atol=1e-9)
+    gradient, jacobian = opinion.slopes(frames, zero)
+    multipliers = np.linalg.lstsq(jacobian.T, -gradient, rcond=None)[0]
+    # also of the first segment, which is held only to remove rigid motions
+    unbalanced = gradient + multipliers @ jacobian
+    assert np.abs(unbalanced).max() < 1e-7 * (np.abs(eq.moments).max() + stiffness)
+    tangent = null_space(jacobian)
+    values = np.linalg.eigvalsh(tangent.T @ opinion.curvature(frames, multipliers) @ tangent)
+    assert values[0] > -1e-6 * values[-1]
+    assert np.sum(np.abs(values) < 1e-6 * values[-1]) >= 3  # rigid rotations
+    # the number of turns at the joint is kept, but for passages of the ring through itself
+    assert eq.link - rod.joint / (2 * math.pi) == pytest.approx(
+        round(eq.link - rod.joint / (2 * math.pi)), abs=1e-8
+    )
+
+
+@given(cases(supports=("start", "free")), st.floats(1.0, 100.0))
+@FEW
+def test_stretching(case, stiffness):
+    """Energy and derivatives of an extensible rod, along random curves of states."""
+    rigid, opinion, _, _ = case
+    n = rigid.lengths.size
+    random = np.random.default_rng(n)
+    rod = rods.Rod(
+        rigid.law, rigid.lengths, rigid.natural, supports=rigid.supports, loads=rigid.loads,
+        measure=rigid.measure, stretching=stiffness, initial=rigid.initial,
+    )  # fmt: skip
+    start = rod.start()
+    stretches = random.uniform(0.7, 1.4, n)
+    state = replace(start, stretches=stretches)
+    found = rod.evaluate(state, np.zeros(0), 2)
+    # (4.17): the strain is (e^2 - 1)/2; dead loads do work on the longer rod
+    bent = opinion.energy(state.quaternions, np.zeros((n, 3))).real
+    x, y = opinion.positions(state.quaternions), rod.positions(state)
+    ends = np.zeros(n + 1)
+    ends[:-1] += rod.lengths / 2
+    ends[1:] += rod.lengths / 2
+    work = (y - x)[-1] @ opinion.force + np.sum((y - x) * ends[:, None] * opinion.weight)
+    stretched = stiffness / 2 * rod.lengths @ ((stretches**2 - 1) / 2) ** 2
+    assert found.energy == pytest.approx(bent + stretched - work, rel=1e-9, abs=1e-9 * stiffness)
+    for _ in range(3):
+        dx = random.normal(size=rod.size)
+        dx /= np.linalg.norm(dx)
+        second, _ = found.kkt.apply(dx, np.zeros(0))
+
+        def energy(t, dx=dx):
+            return rod.evaluate(rod.retract(state, t * dx), np.zeros(0), 0).energy
+
+        slope, bend = differences(energy, 1e-2)
+        scale = abs(found.energy) + np.abs(found.gradient).max()
+        assert found.gradient @ dx == pytest.approx(slope, abs=1e-7 * scale)
+        assert dx @ second == pytest.approx(bend, abs=1e-5 * (scale + np.abs(second).max()))
+
+
+def differences(f, h):
+    """First and second derivative at zero, by central differences with two steps of Richardson's."""
+    first, second = [], []
+    for k in (h, h / 2, h / 4):
+        first.append((f(k) - f(-k)) / (2 * k))
+        second.append((f(k) - 2 * f(0.0) + f(-k)) / k**2)
+    for table in (first, second):
+        for p in (4, 16):
+            table[:] = [(p * b - a) / (p - 1) for a, b in zip(table[:-1], table[1:], strict=True)]
+    return first[0], second[0]
 
 
 def test_random_rods_mostly_have_equilibria():
