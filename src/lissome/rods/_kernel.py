@@ -165,28 +165,27 @@ def _add_lower(band, border, corner, c, ce, block):
 
 
 @inner
-def _add_pair(band, border, corner, plan, a, b, block):
+def _add_pair(band, border, corner, column, turning, axis, a, b, block):
     """Add the block of two frames (rows a, columns b), projected where a frame has one unknown."""
-    ca = plan.column[a]
-    cb = plan.column[b]
+    ca = column[a]
+    cb = column[b]
     if ca < 0 or cb < 0:
         return
-    for r in range(1 if plan.turning[a] else 3):
-        for c in range(1 if plan.turning[b] else 3):
+    for r in range(1 if turning[a] else 3):
+        for c in range(1 if turning[b] else 3):
             if a == b and c > r:
                 continue
             value = 0.0
             for i in range(3):
-                wi = plan.axis[a, i] if plan.turning[a] else (1.0 if i == r else 0.0)
+                wi = axis[a, i] if turning[a] else (1.0 if i == r else 0.0)
                 if wi == 0.0:
                     continue
                 for j in range(3):
-                    wj = plan.axis[b, j] if plan.turning[b] else (1.0 if j == c else 0.0)
+                    wj = axis[b, j] if turning[b] else (1.0 if j == c else 0.0)
                     value += wi * wj * block[i, j]
             _add(band, border, corner, ca + r, cb + c, value)
 
 
-@jit
 def assemble(
     frames, stretches, angles, q, values, stress, stiffness, plan, multipliers, gradient, band,
     border, corner, constraints, order,
@@ -221,6 +220,24 @@ def assemble(
     energy : float
         Without the potential of all dead forces at the origin of the rod.
     """
+    energy = _add_segments(
+        frames, stretches, angles, values, plan, multipliers, gradient, band, border, corner,
+        constraints, order,
+    )  # fmt: skip
+    if order >= 1:
+        _add_hinges(
+            q, stress, stiffness, plan.left, plan.right, plan.span, plan.twist, plan.column,
+            plan.turning, plan.axis, gradient, band, border, corner, order,
+        )  # fmt: skip
+    return energy
+
+
+@jit
+def _add_segments(
+    frames, stretches, angles, values, plan, multipliers, gradient, band, border, corner,
+    constraints, order,
+):  # fmt: skip
+    """Overwrite everything by what belongs to segments, loads and constraints."""
     length = plan.length
     n = plan.lengths.size
     m = plan.rows.shape[0]
@@ -354,9 +371,6 @@ def assemble(
                     block[r, k] = -0.5 * (p[r] * arm[k] + arm[r] * p[k])
                 block[r, r] += pa
             _add_lower(band, border, corner, c, -1, block)
-    # ---- hinges
-    if order >= 1:
-        _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, order)
     for r in range(m):
         constraints[r] -= plan.targets[r]
     return energy
@@ -382,10 +396,13 @@ def _body(s, x, y, z, w, out):
     )
 
 
-@inner
-def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, order):
+@jit
+def _add_hinges(
+    q, stress, stiffness, left, right, span, twist, column, turning, axis, gradient, band, border,
+    corner, order,
+):  # fmt: skip
     """Add gradient and Hessian of the energy of the hinges."""
-    length = plan.length
+    length = band.shape[0]
     g = np.zeros((2, 3))
     cross = np.zeros((3, 3))
     cx = np.zeros((3, 3))
@@ -394,11 +411,11 @@ def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, orde
     aa = blocks[0]
     bb = blocks[1]
     ab = blocks[2]
-    for i in range(plan.left.size):
-        a = plan.left[i]
-        b = plan.right[i]
-        ca = plan.column[a]
-        cb = plan.column[b]
+    for i in range(left.size):
+        a = left[i]
+        b = right[i]
+        ca = column[a]
+        cb = column[b]
         s, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
         m0, m1, m2 = stress[i, 0], stress[i, 1], stress[i, 2]
         # b: X^T m = s m + m x v; a: -X m = -s m - v x m
@@ -411,23 +428,23 @@ def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, orde
         g[1, 0] = w0 + s * m0
         g[1, 1] = w1 + s * m1
         g[1, 2] = w2 + s * m2
-        turned = plan.twist[i, 1] != 0.0
+        turned = twist[i, 1] != 0.0
         if turned:  # the right increment acts before the turn about d3
-            _turn_vector(g[1], plan.twist[i, 0], plan.twist[i, 1])
+            _turn_vector(g[1], twist[i, 0], twist[i, 1])
         for side in range(2):
             f = a if side == 0 else b
             c = ca if side == 0 else cb
             if c < 0:
                 continue
-            if plan.turning[f]:
+            if turning[f]:
                 for k in range(3):
-                    gradient[c] += plan.axis[f, k] * g[side, k]
+                    gradient[c] += axis[f, k] * g[side, k]
             else:
                 for k in range(3):
                     gradient[c + k] += g[side, k]
         if order < 2:
             continue
-        share = 1.0 / plan.span[i]
+        share = 1.0 / span[i]
         cross[0, 0] = s
         cross[1, 1] = s
         cross[2, 2] = s
@@ -477,15 +494,15 @@ def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, orde
         ab[1, 2] += u - h * m0
         ab[2, 1] += u + h * m0
         if turned:
-            c2 = plan.twist[i, 0]
-            s2 = plan.twist[i, 1]
+            c2 = twist[i, 0]
+            s2 = twist[i, 1]
             for r in range(3):
                 _turn_vector(ab[r], c2, s2)
                 _turn_vector(bb[r], c2, s2)
             for k in range(3):
                 _turn_vector(bb[:, k], c2, s2)
         if (
-            ca >= 0 and cb > ca and cb < length and plan.turning[a] == 0 and plan.turning[b] == 0
+            ca >= 0 and cb > ca and cb < length and turning[a] == 0 and turning[b] == 0
         ):  # neighbors in the band
             step = cb - ca
             for r in range(3):
@@ -498,7 +515,7 @@ def _add_hinges(q, stress, stiffness, plan, gradient, band, border, corner, orde
             for side in range(3):
                 f = b if side == 1 else a
                 h = a if side == 0 else b
-                _add_pair(band, border, corner, plan, f, h, blocks[side])
+                _add_pair(band, border, corner, column, turning, axis, f, h, blocks[side])
 
 
 @inner

@@ -217,7 +217,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
         middle = 0.5 * (rod.arclength[:-1] + rod.arclength[1:])
         phase = np.sin(2.0 * math.pi * rod.pinned_phase * (middle - middle[0]) / rod.length)
         try:
-            normal = plane_normal(rod)
+            normal = np.array(plane_normal(rod))
         except InvalidInput:  # any direction across the first segment will do
             normal = rotate(rod.initial.quaternions[0], [1.0, 0.0, 0.0])
     m = len(rows)

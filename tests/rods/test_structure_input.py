@@ -1,0 +1,153 @@
+"""What a rod refuses, and how it says so."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import lissome as ls
+from lissome import rods
+from lissome.errors import InvalidInput
+from lissome.rods import Kirchhoff, Rod, RodState
+
+LAW = Kirchhoff(bending=(1.0, 2.0), twisting=1.5)
+LENGTHS = np.full(10, 0.1)
+ROD = Rod(LAW, LENGTHS)
+RING = rods.ring(1.0, 12, LAW)
+SKEW = np.array([[1.0, 0.1, 0], [0, 1, 0], [0, 0, 1]])
+LEFT = np.diag([1.0, 1.0, -1.0])
+
+
+class NaNLaw:
+    strains = ("curvature_1", "curvature_2", "twist")
+    count = None
+    kernel = None
+
+    def evaluate(self, k, order=2):
+        n = len(k)
+        return np.full(n, np.nan), np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
+
+
+MADE_WRONG = {
+    "one segment": (lambda: Rod(LAW, [1.0]), "lengths.*at least 2"),
+    "negative length": (lambda: Rod(LAW, [0.1, -0.1, 0.1]), r"`lengths`\[1\] is -0.1"),
+    "zero length": (lambda: Rod(LAW, [0.1, 0.0]), "greater than 0"),
+    "length not a number": (lambda: Rod(LAW, [0.1, np.nan]), "finite"),
+    "shape of lengths": (lambda: Rod(LAW, np.ones((3, 2))), "shape"),
+    "shape of natural": (lambda: Rod(LAW, LENGTHS, np.zeros((10, 3))), "natural.*shape"),
+    "natural beyond reach": (lambda: Rod(LAW, LENGTHS, np.full((11, 3), 15.0)), "more segments"),
+    "law": (lambda: Rod(1.0, LENGTHS), "`law`"),
+    "law of other mesh": (
+        lambda: Rod(Kirchhoff((np.ones(5), np.ones(5)), np.ones(5)), LENGTHS),
+        "5 nodes; the rod has 11",
+    ),
+    "law replaced": (lambda: ROD.with_law("steel"), "`law`"),
+    "measure": (lambda: Rod(LAW, LENGTHS, measure="cosine"), "measure"),
+    "stretching": (lambda: Rod(LAW, LENGTHS, stretching=-1.0), "stretching"),
+    "joint of an open rod": (lambda: Rod(LAW, LENGTHS, joint=1.0), "closed"),
+    "phase": (lambda: RING.with_phase(1), "at least 2"),
+    "skew frame": (lambda: ROD.clamped("start", frame=SKEW), "orthonormal|right angles|perp|unit"),
+    "left-handed frame": (lambda: ROD.clamped("start", frame=LEFT), "left-handed"),
+    "long quaternion": (lambda: ROD.clamped("start", frame=[1, 1, 0, 0]), "length 1.41"),
+    "shape of frame": (lambda: ROD.clamped("start", frame=[1, 0, 0]), "shape"),
+    "several frames": (lambda: ROD.clamped("start", frame=Rotation.random(2)), "several"),
+    "NaN frame": (lambda: ROD.clamped("start", frame=np.full((3, 3), np.nan)), "finite"),
+    "position": (lambda: ROD.pinned("end", (0, 0)), "three components"),
+    "NaN position": (lambda: ROD.pinned("end", (0, np.nan, 0)), r"position\[1\]"),
+    "end of a ring": (lambda: RING.clamped("end"), "no ends"),
+    "node": (lambda: ROD.pinned(11), "numbered 0 to 10"),
+    "name of an end": (lambda: ROD.pinned("strat"), "did you mean 'start'"),
+    "clamp": (lambda: ROD.clamped("start", kind="full"), "kind"),
+    "two-node inside": (lambda: ROD.clamped(4, kind="two-node"), "two-node"),
+    "no axis": (lambda: ROD.hinged("end", axis=(0, 0, 0)), "axis"),
+    "moment": (lambda: ROD.hinged("end", axis=(0, 0, 1), moment=np.inf), "moment"),
+    "force": (lambda: ROD.loaded(end=[1, 2]), "end.*shape"),
+    "distributed": (lambda: ROD.loaded(distributed=np.ones((4, 3))), "distributed"),
+    "arm alone": (lambda: ROD.loaded(arm=[1, 0, 0]), "arm"),
+    "couple": (lambda: ROD.loaded(couples={10: ([1, 0, 0], [0, 1, 0])}), "numbered 0 to 9"),
+    "natural curvature": (lambda: ROD.with_natural(curvature_1=np.ones(4)), "curvature_1"),
+    "overcurvature": (lambda: ROD.with_overcurvature(2.0), "closed"),
+    "quaternions": (lambda: RodState(np.ones((3, 4))), "unit"),
+    "stretches": (lambda: RodState([[1, 0, 0, 0]] * 2, stretches=[1, -1]), "stretches"),
+    "state of other mesh": (lambda: ROD.with_initial(RodState([[1, 0, 0, 0]] * 3)), "3 segments"),
+}
+
+
+@pytest.mark.parametrize("name", MADE_WRONG)
+def test_rods_are_refused_when_they_are_made(name):
+    make, message = MADE_WRONG[name]
+    with pytest.raises(InvalidInput, match=message):
+        make()
+
+
+SOLVED_WRONG = {
+    "out of reach": (ROD.clamped("start").clamped("end", (0, 0, 1.01)), "inextensible; bring"),
+    "taut": (ROD.clamped("start").clamped("end"), "just as long"),
+    "out of reach along one axis": (
+        ROD.clamped("start").pinned("end", (None, 1.5, None)),
+        "1.5 apart",
+    ),
+    "across a ring": (RING.pinned(0, (0, 0, 0)).pinned(6, (0.6, 0, 0)), "0.5 long"),
+    "nothing holds it": (ROD.loaded(end=[0, 1.0, 0]), "nothing holds the rod"),
+    "held along z only": (
+        ROD.pinned("start", (None, None, 0)).loaded(end=[1.0, 0, 0]),
+        "along x",
+    ),
+    "NaN of a law": (Rod(NaNLaw(), LENGTHS).clamped("start"), "not finite"),
+    "shape of a distributed load": (
+        ROD.clamped("start").loaded(distributed=lambda s: np.ones(7)),
+        "distributed",
+    ),
+    "no segment left": (
+        Rod(LAW, [0.1, 0.1]).clamped("start", kind="two-node").clamped(
+            "end", (0.05, 0, 0.15), kind="two-node"
+        ),
+        "free",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SOLVED_WRONG)
+def test_rods_without_equilibrium_are_refused_when_they_are_solved(name):
+    rod, message = SOLVED_WRONG[name]
+    with pytest.raises(InvalidInput, match=message):
+        ls.equilibrate(rod)
+
+
+def test_balanced_loads_need_no_support():
+    eq = ls.equilibrate(ROD.loaded(start=[0, 0, -1.0], end=[0, 0, 1.0]))
+    assert eq.stable
+    assert np.allclose(eq.forces, [0, 0, 1.0])
+
+
+def test_an_extensible_rod_may_be_stretched():
+    """A straight rod in tension: (4.17) gives F = EA (e^2 - 1)/2 e."""
+    rod = Rod(LAW, LENGTHS, stretching=50.0).clamped("start").clamped("end", (0, 0, 1.1))
+    eq = ls.equilibrate(rod)
+    assert np.allclose(eq.state.stretches, 1.1)
+    assert eq.reactions("end").force[2] == pytest.approx(50.0 * (1.1**2 - 1) / 2 * 1.1, rel=1e-12)
+    assert eq.stretching_energy == pytest.approx(eq.energy, rel=1e-12)
+
+
+def test_states_of_another_rod_are_refused():
+    eq = ls.equilibrate(ROD.clamped("start").loaded(end=[1, 0, 0]))
+    with pytest.raises(InvalidInput, match="10 segments; the rod has 5"):
+        ls.equilibrate(Rod(LAW, np.full(5, 0.2)).clamped("start"), eq.state)
+    with pytest.raises(InvalidInput, match="pass a RodState"):
+        ls.equilibrate(ROD.clamped("start"), eq.positions)
+
+
+def test_a_node_without_support_has_no_reaction():
+    eq = ls.equilibrate(ROD.clamped("start").loaded(end=[1, 0, 0]))
+    with pytest.raises(InvalidInput, match="no support"):
+        eq.reactions("end")
+
+
+def test_arguments_are_not_kept_by_reference():
+    lengths = LENGTHS.copy()
+    force = np.array([1.0, 0, 0])
+    rod = Rod(LAW, lengths).clamped("start").loaded(end=force)
+    before = ls.equilibrate(rod).positions
+    lengths[:], force[:] = 5.0, 7.0
+    assert np.array_equal(ls.equilibrate(rod).positions, before)
+    with pytest.raises(ValueError, match="read-only"):
+        rod.lengths[0] = 1.0
