@@ -244,6 +244,34 @@ def test_closed_curve_without_directors_closes(turns):
     assert offset == pytest.approx(round(offset), abs=1e-10)
 
 
+@pytest.mark.parametrize("turns", [0.0, 0.5])
+def test_closed_curve_with_given_directors(turns):
+    there = shapes.ring(5.0, 40, LAW, about=2, turns=turns)
+    rod = shapes.along(
+        nodes(there)[:-1], LAW, directors=directors(there)[:, 0], closed=True, turns=turns
+    )
+    check_state(rod)
+    np.testing.assert_allclose(rod.natural[:, :2], expected_bending(there), atol=1e-12)
+    assert energy(rod) == pytest.approx(0.0, abs=1e-24)
+    np.testing.assert_allclose(
+        rod.strain_densities(rod.initial), there.strain_densities(there.initial), atol=1e-12
+    )
+
+
+def expected_bending(ring):
+    strains = ring.strain_densities(
+        ring.initial
+    )  # the joint comes last, natural strains have it first
+    return np.vstack([strains[-1:], strains])[:, :2]
+
+
+def test_slinky_bends_about_its_thickness():
+    w, t, length = 5e-3, 2e-3, 0.314
+    law = Kirchhoff.rectangle(w, t, poisson_ratio=0.41)
+    slinky = shapes.ring(length, 60, law, about=2).with_overcurvature(1.0)
+    np.testing.assert_allclose(slinky.natural, np.tile([0, 2 * math.pi / length, 0], (61, 1)))
+
+
 u = np.linspace(0, 1, 6)
 LINE = np.stack([0 * u, 0 * u, u], axis=1)
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
