@@ -184,6 +184,24 @@ def test_pull_back_is_the_chain_rule_of_an_energy(measure):
         np.testing.assert_allclose(stiffness[i], hessian, atol=2e-9 * np.abs(hessian).max())
 
 
+def test_stiffness_of_a_hinge_that_turns_far():
+    """Second derivative, with respect to the angle, of half the squared strain: the bending stiffness."""
+    angle = np.linspace(0.1, 3.0, 30)
+    h = 1e-3
+
+    def energy(theta, measure):
+        q = np.stack([np.cos(theta / 2), np.sin(theta / 2), 0 * theta, 0 * theta], axis=1)
+        return (strain_from_rotation(q, measure) ** 2).sum(axis=1) / 2
+
+    def stiffness(measure):
+        sides = energy(angle + h, measure) + energy(angle - h, measure)
+        return (sides - 2 * energy(angle, measure)) / h**2
+
+    np.testing.assert_allclose(stiffness("sine"), np.cos(angle), atol=1e-5)  # negative beyond pi/2
+    np.testing.assert_allclose(stiffness("angle"), 1.0, atol=1e-5)
+    assert np.all(np.diff(stiffness("averaged")) > 0)
+
+
 def test_fold_of_a_developable_ribbon():
     """Two flat faces joined along a fold: (4.35) of the thesis, and the twist that it loses."""
     gamma, theta = 0.4, 1.1

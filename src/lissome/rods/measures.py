@@ -23,6 +23,11 @@ Let :math:`q = q_0 + \kappa/2` be the unit quaternion of that rotation in the ma
 All three keep the symmetries of the rod: seen from its other end a hinge has
 :math:`(-\kappa_1, \kappa_2, \kappa_3)`. They differ by terms of third order in the rotation.
 
+Of a hinge with a quadratic energy only ``"angle"`` keeps its stiffness: with ``"sine"`` the energy
+:math:`\propto \sin^2(\theta/2)` softens, and is concave beyond a quarter turn, so that a coarse mesh
+can fold at single hinges; with ``"averaged"`` bending stiffens without bound towards a half turn. Where
+that matters the mesh is too coarse.
+
 For compiled kernels
 --------------------
 A measure is an integer code (``CODES[name]``). A hinge is described by q, a row of an array (n, 4),
