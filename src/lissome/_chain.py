@@ -677,32 +677,27 @@ def solve_refined(matrix, nb, norm, scale, factors, enough, refinements, b, z):
     left = np.empty(total)
     sizes = np.empty(total)
     again = np.empty(total)
-    other = np.empty(total)
     result = 0.0
     for c in range(b.shape[0]):
+        error = np.inf
         for j in range(total):
-            trial[0, j] = scale[j] * b[c, j]
-        solve_chain(work, edge, nb, pivots, events, count, links, inverse, trial)
-        for j in range(total):
-            z[c, j] = scale[j] * trial[0, j]
-        error = _residual(band, border, corner, nb, b[c], z[c], left, sizes)
-        for _ in range(refinements):
-            if error <= enough:
-                break
+            z[c, j] = 0.0
+            left[j] = b[c, j]
+        for attempt in range(refinements + 1):  # the first is the solution itself
             for j in range(total):
                 trial[0, j] = scale[j] * left[j]
             solve_chain(work, edge, nb, pivots, events, count, links, inverse, trial)
             for j in range(total):
                 trial[0, j] = z[c, j] + scale[j] * trial[0, j]
-            new = _residual(band, border, corner, nb, b[c], trial[0], again, other)
-            if not new < error:
+            new = _residual(band, border, corner, nb, b[c], trial[0], again, sizes)
+            if attempt > 0 and not new < error:
                 break
             slow = new > 0.5 * error
             error = new
             for j in range(total):
                 z[c, j] = trial[0, j]
                 left[j] = again[j]
-            if slow:
+            if slow or error <= enough:
                 break
         most = 0.0
         bound = 0.0
