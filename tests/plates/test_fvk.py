@@ -5,6 +5,7 @@ import pytest
 import skfem
 import sympy as sp
 from scipy.optimize import brentq
+from skfem.helpers import ddot, eye, grad, sym_grad, trace
 
 import lissome as ls
 from lissome.errors import InvalidInput
@@ -424,3 +425,55 @@ def test_states_of_other_meshes_are_refused():
         ls.equilibrate(dome(2), dome(3).start())
     with pytest.raises(InvalidInput, match="not in the mesh"):
         dome(2).deflection_at([[2.0, 0.0]], dome(2).start())
+
+
+def test_membrane_blocks_are_those_of_generic_forms():
+    """The compiled assembly against scikit-fem's forms of the same second variation."""
+    nu = 0.4
+    mesh = meshes.rectangle(1.0, 0.8, 3, center=(0.1, 0.0))
+    plate = Plate(mesh=mesh, bending=1e-20, poisson=nu, strain=[[0.01, 0.005], [0.005, -0.02]])
+    state = plate.interpolate(
+        lambda x, y: 0.1 * np.cos(2 * x) * np.cos(y),
+        lambda x, y: 0.02 * np.stack([x * y, x - y * y], axis=-1),
+    )
+
+    def hooke(e):
+        return ((1 - nu) * e + nu * eye(trace(e), 2)) / (1 - nu**2)
+
+    def both(a, b):
+        product = np.einsum("i...,j...->ij...", a, b)
+        return (product + np.swapaxes(product, 0, 1)) / 2
+
+    @skfem.BilinearForm
+    def plane(u, v, p):
+        return ddot(hooke(sym_grad(u)), sym_grad(v))
+
+    @skfem.BilinearForm
+    def mixed(w, v, p):
+        return ddot(hooke(both(p["g"], grad(w))), sym_grad(v))
+
+    @skfem.BilinearForm
+    def across(w, v, p):
+        bent = ddot(hooke(both(p["g"], grad(w))), both(p["g"], grad(v)))
+        return bent + ddot(p["stress"], both(grad(w), grad(v)))
+
+    scalar = skfem.Basis(mesh, skfem.ElementTriP2(), intorder=2)
+    vector = scalar.with_element(skfem.ElementVector(skfem.ElementTriP2()))
+    place, nodes = plate.space.positions, plate.space.nodes
+    at = [np.argmin(np.hypot(*(place - x).T)) for x in scalar.doflocs.T]
+    g = scalar.interpolate(state.x[2 * nodes + np.array(at)]).grad
+    grads = np.array([scalar.interpolate(state.x[i * nodes + np.array(at)]).grad for i in (0, 1)])
+    natural = np.array([[0.01, 0.005], [0.005, -0.02]])[:, :, None, None]
+    stress = hooke((grads + np.swapaxes(grads, 0, 1)) / 2 + both(g, g) / 2 - natural)
+    # Unknowns of the vector basis: components alternate at each node.
+    near = np.array([np.argmin(np.hypot(*(place - x).T)) for x in vector.doflocs.T])
+    plane_map = near + nodes * (np.arange(vector.N) % 2)
+    w_map = 2 * nodes + np.array(at)
+    hessian = plate.evaluate(state, NONE, 2).kkt.hessian.tocsr()
+    for rows, columns, form in (
+        (plane_map, plane_map, plane.assemble(vector)),
+        (plane_map, w_map, mixed.assemble(scalar, vector, g=g)),
+        (w_map, w_map, across.assemble(scalar, g=g, stress=stress)),
+    ):
+        ours = hessian[rows][:, columns]
+        assert abs(ours - form).max() < 1e-11 * abs(form).max()  # bending is 1e-20

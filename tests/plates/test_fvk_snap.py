@@ -71,7 +71,7 @@ def square(**changes):
 
 def test_a_dome_that_is_deepened_loses_its_symmetry_and_does_not_invert():
     plate = square()
-    found = inversion(plate, hoops(-1.0, 2.0), -1.78)
+    found = inversion(plate, hoops(-1.0, 2.0), -1.74)
     assert not found.inverts
     assert np.isnan(found.parameter)
     (loss,) = found.losses
@@ -135,4 +135,4 @@ def test_flat_plates_are_refused():
 
 def test_too_many_losses_are_an_error():
     with pytest.raises(NotConverged, match="most_losses"):
-        inversion(square(), hoops(-1.0, 2.0), -1.78, most_losses=1)
+        inversion(square(), hoops(-1.0, 2.0), -1.74, most_losses=1)
