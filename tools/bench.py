@@ -10,6 +10,7 @@ bounds the seconds.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import json
 import os
@@ -18,11 +19,11 @@ import subprocess
 import sys
 import tempfile
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("lissome", "numpy", "scipy", "numba", "llvmlite")
+PACKAGES = ("lissome", "numpy", "scipy", "numba", "llvmlite", "pyelastica")
 
 
 def fingerprint(root: Path = ROOT) -> str:
@@ -52,6 +53,15 @@ def commit() -> str:
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
     return done.stdout.strip()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that are installed."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        with contextlib.suppress(PackageNotFoundError):
+            found[package] = version(package)
+    return found
 
 
 def summary(raw: dict) -> list[dict]:
@@ -142,7 +152,7 @@ def main(arguments: list[str] | None = None) -> int:
             "system": f"{platform.system()} {platform.machine()}",
             "threads": 1,
         },
-        "versions": {"python": platform.python_version()} | {p: version(p) for p in PACKAGES},
+        "versions": versions(),
         "benchmarks": rows,
     }
     given.output.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
