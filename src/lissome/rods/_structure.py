@@ -538,8 +538,10 @@ class Rod(BaseStructure):
         """Number of lobes whose place is pinned; None where nothing is."""
         if self.phase is None or not self.held or getattr(self.law, "count", None) is not None:
             return None
-        uniform = np.ptp(self.lengths) <= 1e-12 * self.lengths[0] and not np.any(
-            np.ptp(self.natural, axis=0) > 1e-12 * np.max(np.abs(self.natural))
+        natural = self.natural
+        uniform = bool(np.ptp(self.lengths) <= 1e-12 * self.lengths[0]) and (
+            bool(np.all(natural == natural[0]))
+            or bool(np.all(np.ptp(natural, axis=0) <= 1e-12 * np.max(np.abs(natural))))
         )
         return self.phase if uniform and self.lengths.size > 2 * self.phase else None
 
