@@ -9,7 +9,7 @@ from skfem.helpers import ddot, eye, grad, sym_grad, trace
 
 import lissome as ls
 from lissome.errors import InvalidInput
-from lissome.plates import meshes
+from lissome.plates import Defect, Laminate, Layer, SigmoidCurve, meshes
 from lissome.plates.fvk import Plate, PlateState
 from lissome.references.plate import AxisymmetricDisc, buckling_strain, fold
 
@@ -477,3 +477,16 @@ def test_membrane_blocks_are_those_of_generic_forms():
     ):
         ours = hessian[rows][:, columns]
         assert abs(ours - form).max() < 1e-11 * abs(form).max()  # bending is 1e-20
+
+
+def test_two_equal_layers_are_one_layer():
+    curve = SigmoidCurve(saturation=0.05, transition=170.0, width=10.0)
+    one = Laminate([Layer(0.03, 2.0, 0.4, strain=curve)])
+    two = Laminate([Layer(0.01, 2.0, 0.4, strain=curve), Layer(0.02, 2.0, 0.4, strain=curve)])
+    energies = []
+    for sheet in (one, two):
+        fields = sheet.spontaneous(165.0).fields(Defect())
+        plate = Plate(mesh=meshes.disc(0.5, 3), **sheet.moduli(), **fields)
+        energies.append(ls.equilibrate(plate, plate.interpolate(cone(0.1))).energy)
+    assert energies[1] == pytest.approx(energies[0], rel=1e-9)
+    assert energies[0] > 0
