@@ -34,6 +34,11 @@ n = k are rigid rotations. A mode n becomes neutral at
 and the k-fold circle is stable between the modes :math:`k - 1` and :math:`k + 1`:
 :math:`k + \mu_{k-1}/B_{in} < O < k + \mu_{k+1}/B_{in}`. For k = 1 the lower mode is n = 0, in which
 closure forbids a: there :math:`\mu_0 = -B_{out}`, so that :math:`O > 1 - B_{out}/B_{in}`.
+
+**On a mesh.** The discrete rod of N equal segments with the strain :math:`2\,\mathrm{vec}\,q` of the
+hinge rotations q has the same matrix, with :math:`\tan(\pi n/N)` and :math:`\tan(\pi k/N)` in place
+of n and k, and :math:`\mu` for :math:`B_{in}\,(\pi O/[N\sin(\pi k/N)] - 1)\tan(\pi k/N)`: its
+thresholds are known exactly as well.
 """
 
 from __future__ import annotations
@@ -168,8 +173,15 @@ class RingSection:
 # -- circles ---------------------------------------------------------------------------------------
 
 
-def mode_threshold(section: RingSection, turns: int, mode: int) -> float:
+def mode_threshold(
+    section: RingSection, turns: int, mode: int, *, segments: int | None = None
+) -> float:
     r"""Overcurvature at which a mode of the k-fold circle is neutral, :math:`k + \mu_n/B_{in}`.
+
+    On a mesh of N segments it is
+
+    .. math:: \frac{N\sin(\pi k/N)}{\pi}\left(1 + \frac{M}{B_{in}}\right), \qquad
+       M^2 + M(B_{out} + C) = B_{out}C\left[\frac{\tan^2(\pi n/N)}{\tan^2(\pi k/N)} - 1\right] .
 
     Parameters
     ----------
@@ -178,6 +190,8 @@ def mode_threshold(section: RingSection, turns: int, mode: int) -> float:
         k.
     mode : int
         n, number of waves in the length of the ring; not k, which is a rigid rotation.
+    segments : int, optional
+        N, more than twice as many as turns and as waves; by default the continuum.
 
     Returns
     -------
@@ -187,8 +201,8 @@ def mode_threshold(section: RingSection, turns: int, mode: int) -> float:
     Examples
     --------
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
-    >>> round(mode_threshold(slinky, 1, 2), 6)
-    1.16692
+    >>> round(mode_threshold(slinky, 1, 2), 6), round(mode_threshold(slinky, 1, 2, segments=100), 6)
+    (1.16692, 1.167058)
     """
     k = integer_at_least("turns", turns, 1)
     n = integer_at_least("mode", mode, 0)
@@ -197,12 +211,24 @@ def mode_threshold(section: RingSection, turns: int, mode: int) -> float:
             f"argument `mode` is {n}: with as many waves as turns it is a rigid rotation"
         )
     p, c = section.out_of_plane, section.torsion
+    if segments is None:
+        size, ratio = float(k), n / k
+    else:
+        count = integer_at_least("segments", segments, 3)
+        if count <= 2 * max(k, n):
+            raise InvalidInput(
+                f"argument `segments` is {count}; {k} turns and {n} waves need more than "
+                f"{2 * max(k, n)}"
+            )
+        step = np.pi / count
+        size, ratio = float(np.sin(k * step) / step), float(np.tan(n * step) / np.tan(k * step))
     if n == 0:
-        return float(k * (1.0 - p / section.in_plane))
-    half = 0.5 * k * (p + c)
-    excess = p * c * (n * n - k * k)
+        return size * (1.0 - p / section.in_plane)
+    half = 0.5 * (p + c)
+    excess = p * c * (ratio * ratio - 1.0)
     # excess / (half + sqrt(...)): the root without cancellation
-    return float(k + excess / (half + np.sqrt(half * half + excess)) / section.in_plane)
+    stress = excess / (half + np.sqrt(half * half + excess))
+    return float(size * (1.0 + stress / section.in_plane))
 
 
 def stable_range(section: RingSection, turns: int) -> tuple[float, float]:
