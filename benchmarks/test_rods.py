@@ -385,14 +385,16 @@ def test_dynamics(benchmark, measure):
 
 
 def test_collocation(benchmark, measure):
+    measure("SciPy solve_bvp, the continuous rod, tolerance 1e-4", group=REST)
     found = benchmark.pedantic(continuum, (1e-4,), rounds=10, warmup_rounds=1)
     s = np.linspace(0.0, 1.0, 4001)
     tip = simpson(
         turned(found.sol(s)[:4], np.tile([[0.0], [0.0], [1.0]], (1, s.size))), x=s, axis=1
     )
     error = np.linalg.norm(tip - exact_tip())
-    measure("SciPy solve_bvp, the continuous rod, tolerance 1e-4", group=REST,
-            note=f"{found.x.size} nodes, error of the tip {error:.1e}; stability unknown")  # fmt: skip
+    benchmark.extra_info["note"] = (
+        f"{found.x.size} nodes, error of the tip {error:.1e}; stability unknown"
+    )
 
 
 @pytest.mark.parametrize(
@@ -403,12 +405,12 @@ def test_collocation(benchmark, measure):
 def test_against_others(benchmark, measure, name, peer, bound):
     if peer == PEER:
         pytest.importorskip("elastica", reason="install the extra `bench`")
+    measure(f"lissome, {name}" if name else "lissome", group=REST, against=peer, at_least=bound)
     rod = cantilever(100)
     straight = rods.straight(length=1.0, segments=100, law=LAW).initial
     found = benchmark.pedantic(ls.equilibrate, (rod, straight), rounds=100, warmup_rounds=3)
     error = np.linalg.norm(found.positions[-1] - exact_tip())
-    measure(f"lissome, {name}" if name else "lissome", group=REST, against=peer, at_least=bound,
-            note=f"error of the tip {error:.1e}; stable")  # fmt: skip
+    benchmark.extra_info["note"] = f"error of the tip {error:.1e}; stable"
 
 
 # -- long rods ----------------------------------------------------------------------------------------
@@ -458,10 +460,11 @@ def refined(equilibrium, rod):
 def test_fine_rod_from_a_coarse_one(benchmark, measure):
     rod, coarse = cantilever(10_000), ls.equilibrate(cantilever(1000))
     start = refined(coarse, rod)
+    measure("N = 10 000 from the frames of N = 1000, interpolated", group="a fine rod")
     found = benchmark.pedantic(ls.equilibrate, (rod, start), rounds=3, warmup_rounds=1)
-    count = max(found.iterations, *(line.number for line in found.history))
-    measure("N = 10 000 from the frames of N = 1000, interpolated", group="a fine rod",
-            note=f"{count} iterations, residual {found.residual:.0e}, stable")  # fmt: skip
+    corrector = rod.correct(start, np.zeros(0), 1e-9)
+    count = found.iterations + (0 if corrector is None else corrector.iterations)
+    benchmark.extra_info["note"] = f"{count} iterations, residual {found.residual:.0e}, stable"
     assert found.stable
     assert count <= 10
     assert found.residual < 1e-13
@@ -484,13 +487,22 @@ def test_ring_branch(benchmark, measure):
         before = ls.follow(ring.with_overcurvature, 1.0, 1.3, on_fold="stop", max_step=0.06)
         loss = before.events[-1]
         folding = before.switch(loss, bounds=(1.0, last - 0.003), max_step=0.08)
-        tripled = ls.follow(ring.with_overcurvature, last + 0.01, 3.0, initial=folding.equilibria[-1].state, max_step=0.05)
+        tripled = ls.follow(
+            ring.with_overcurvature,
+            last + 0.01,
+            3.0,
+            initial=folding.equilibria[-1].state,
+            max_step=0.05,
+        )
         return before, loss, folding, tripled
 
+    measure("equilibria with eigenvalues, and the loss of stability", within=1.0,
+            group="the branch of an over-curved ring, N = 400")  # fmt: skip
     before, loss, folding, tripled = benchmark.pedantic(branch, rounds=3, warmup_rounds=1)
     count = len(before) + len(folding) + len(tripled)
-    measure(f"{count} equilibria with eigenvalues and the loss of stability",
-            group="the branch of an over-curved ring, N = 400", within=1.0)  # fmt: skip
+    benchmark.extra_info["note"] = (
+        f"{count} equilibria: circle, folding ring, circle of three turns"
+    )
     assert count >= 45
     assert abs(loss.parameter - first) < 1e-3
 
