@@ -286,6 +286,7 @@ def derive(rod: Rod) -> Layout:
         axis[count + k] = rotate(conjugate(support.frame), support.axis)
 
     check_reach(rod)
+    _check_natural(rod, skeleton)
     places = {s.node: s.position for s in rod.supports}
     anchors: list[tuple[int, float] | None] = []
     for k, node in enumerate(skeleton.anchors):
@@ -360,6 +361,27 @@ def plane_normal(rod: Rod) -> Array:
     normal.flags.writeable = False
     rod.shared["normal"] = (rod.initial, rod.lengths, normal)
     return normal
+
+
+#: What a hinge can bend or twist by, short of half a turn, in the measures.
+LIMITS = {"sine": 2.0, "angle": math.pi, "averaged": math.pi}  # averaged: the twist alone
+
+
+def _check_natural(rod: Rod, skeleton: Skeleton) -> None:
+    """Refuse natural strains beyond those of half a turn, which no hinge attains."""
+    natural = (
+        rod.natural[skeleton.nodes, 2:]
+        if rod.measure == "averaged"
+        else rod.natural[skeleton.nodes]
+    )
+    wanted = np.linalg.norm(natural, axis=1) * skeleton.span
+    i = int(np.argmax(wanted))
+    if wanted[i] >= LIMITS[rod.measure]:
+        raise InvalidInput(
+            f"argument `natural` at node {skeleton.nodes[i]} asks a hinge of length "
+            f"{skeleton.span[i]:.3g} for a strain of {wanted[i]:.4g}; the measure {rod.measure!r} "
+            f"stays below {LIMITS[rod.measure]:.4g}: use more segments"
+        )
 
 
 def _forces(rod: Rod, anchors: tuple[int | None, ...]) -> tuple[Array, Array, Array | None]:

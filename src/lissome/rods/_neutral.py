@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._layout import REACH
-from .quaternions import rotate, to_matrix
+from .quaternions import to_matrix
 
 if TYPE_CHECKING:
     from ._structure import Rod, RodState
@@ -54,13 +54,9 @@ def neutral_rotations(rod: Rod, state: RodState) -> Array:
             turns(row)
         else:  # the component is at its extreme: every turn of the arm counts
             turns(_cross_matrix(unit))
-    for j, force, arm in rod.couples:
+    for _, force, arm in rod.couples:
         # Other turns than those about the force are neutral to first order at best.
         turns(_cross_matrix(force / np.linalg.norm(force)))
-        turned = rotate(state.quaternions[j], arm)
-        row = np.cross(turned, force)
-        if np.linalg.norm(row) > 0.0:
-            turns(row / np.linalg.norm(row))
         if np.any(arm[:2]):
             conditions.append(spin)
     frames = rod.frames(state)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -376,7 +376,8 @@ class Rod(BaseStructure):
             Force per unit rest length; a function is called with the arc lengths of all nodes.
         arm : array_like, shape (3,), optional
             Where the forces `start` and `end` of this call act: components along the directors of the
-            end segment, measured from the node.
+            end segment, measured from the node. The frame of a segment is that in its middle, so that
+            the couple of such a force is of first order in the mesh (that of :meth:`hinged` of second).
         couples : mapping of "start", "end" or int to (force, arm), optional
             For segments: a force that acts at the end of an arm fixed to the segment (components
             along the directors), and the opposite force at its foot.
@@ -394,16 +395,30 @@ class Rod(BaseStructure):
             pairs.pop(segment, None)
             if lever is not None:
                 pairs[segment] = (force, lever)
+        for name, mapping in (("nodes", nodes), ("couples", couples)):
+            if mapping is not None and not isinstance(mapping, Mapping):
+                raise InvalidInput(
+                    f"argument `{name}` is of type {type(mapping).__name__}; pass a mapping, such as "
+                    "{3: ...}"
+                )
         for key, value in (nodes or {}).items():
             points[self._node(key)] = _frozen(finite_array(f"nodes[{key}]", value, (3,)))
         for where, pair in (couples or {}).items():
             if isinstance(where, str):
                 j = 0 if self._node(where) == 0 else count - 1
-            elif 0 <= where < count:
+            elif (
+                isinstance(where, (int, np.integer))
+                and not isinstance(where, bool)
+                and 0 <= where < count
+            ):
                 j = int(where)
             else:
                 raise InvalidInput(
-                    f"argument `couples` names segment {where}; they are numbered 0 to {count - 1}"
+                    f"argument `couples` names segment {where!r}; they are numbered 0 to {count - 1}"
+                )
+            if not isinstance(pair, (tuple, list, np.ndarray)) or len(pair) != 2:
+                raise InvalidInput(
+                    f"argument `couples[{where!r}]` is {pair!r}; pass a force and an arm"
                 )
             pairs[j] = (
                 _frozen(finite_array(f"couples[{where!r}][0]", pair[0], (3,))),
@@ -579,7 +594,30 @@ class Rod(BaseStructure):
 
     def start(self) -> RodState:
         """Return the initial state, bent as smoothly as can be so that it meets its supports."""
-        return reach_supports(self, self.adopt(self.initial))
+        return reach_supports(self, self.adopt(self._turned_halfway()))
+
+    def _turned_halfway(self) -> RodState:
+        """Return the initial state; if a clamp is nearly half a turn from it, with frames at rest.
+
+        The axis of half a turn is round-off: :meth:`adopt` then spreads the turn over the rod, where
+        evening out the hinges could not tell which way to go.
+        """
+        given = [s for s in self.supports if s.frame is not None]
+        if not given or self.initial.supports.size:
+            return self.initial
+        rest = np.array(
+            [
+                self._frame_at_rest(s.node)
+                if s.clamp == "half"
+                else self.initial.quaternions[0 if s.node == 0 else -1]
+                for s in given
+            ]
+        )
+        turns = logarithm(multiply(self.layout.fixed, conjugate(rest)))
+        if np.max(np.sum(turns**2, axis=1)) < 3.0**2:
+            return self.initial
+        rest /= np.sqrt(np.sum(rest**2, axis=1))[:, None]
+        return replace(self.initial, supports=rest)
 
     def adopt(self, state: RodState) -> RodState:
         """Return `state` with prescribed values imposed.
