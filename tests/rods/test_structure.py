@@ -329,6 +329,24 @@ def test_neutral_rotations_are_found(name):
     assert np.max(np.abs(moved), initial=0.0) < 1e-12
 
 
+@pytest.mark.parametrize("support", ["pinned", "free"])
+def test_a_couple_turns_about_its_force_at_no_cost(support):
+    """The arm comes to lie along the force; all motions but the rotation about it are stiff."""
+    force = np.array([1.0, 2.0, 2.0])
+    rod = straight(20).loaded(couples={19: (force, [0.2, 0.1, 0.05])})
+    rod = rod.pinned("start") if support == "pinned" else rod
+    eq = ls.equilibrate(rod)
+    arm = rotate(eq.state.quaternions[19], [0.2, 0.1, 0.05])
+    assert np.linalg.norm(np.cross(arm, force)) < 1e-10
+    assert eq.stable
+    assert eq.gauge.shape[0] == 1
+    turn = rotate(eq.state.quaternions, eq.gauge[0].reshape(-1, 3))
+    assert np.allclose(turn, turn[0], atol=1e-12)
+    assert np.linalg.norm(np.cross(turn[0], force)) < 1e-9 * np.linalg.norm(turn[0])
+    least = ls.smallest_eigenvalue(rod, eq.state, eq.multipliers).values[0]
+    assert least > 0.1
+
+
 def test_energy_tells_the_reaction():
     """The derivative of the energy with respect to a support's position is the reaction there."""
     rod = uneven()["clamped"]
@@ -351,6 +369,40 @@ def test_turned_clamps_carry_the_state_along():
     adopted = moved.adopt(eq.state)
     assert np.allclose(moved.positions(adopted), rotate(turn, eq.positions), atol=1e-12)
     assert moved.evaluate(adopted, np.zeros(3), 0).energy == pytest.approx(eq.energy, rel=1e-12)
+
+
+HALF_TURNS = {
+    "about the axis": ((0, 0, 0.8), [0, 0, 1]),
+    "about the softer director": ((0, 0.3, 0.3), [1, 0, 0]),
+    "about the stiffer director": ((0, 0.3, 0.3), [0, 1, 0]),
+    "about a line askew": ((0.1, 0.3, 0.3), [2, 1, 2]),
+}
+
+
+@pytest.mark.parametrize("kind", ["half", "two-node"])
+@pytest.mark.parametrize("name", HALF_TURNS)
+def test_a_clamp_turns_by_half_a_turn_in_one_step(name, kind):
+    """From the straight rod to the equilibrium that small turns of the clamp lead to."""
+    place, axis = HALF_TURNS[name]
+    axis = np.array(axis) / np.linalg.norm(axis)
+    rod = straight(40).clamped("start", kind=kind)
+
+    def turned(angle):
+        frame = exponential(angle * axis)
+        return ls.equilibrate(rod.clamped("end", place, frame, kind=kind))
+
+    there = turned(np.pi)
+    assert there.stable
+    eq = turned(2.6)
+    for angle in (2.8, 3.0, np.pi):
+        frame = exponential(angle * axis)
+        eq = ls.equilibrate(rod.clamped("end", place, frame, kind=kind), eq)
+    assert there.energy == pytest.approx(eq.energy, rel=1e-10)
+    assert np.allclose(there.positions, eq.positions, atol=1e-8)
+    short = np.pi - 3.14159  # the energy is smooth there: its slope is the moment of the clamp
+    assert turned(3.14159).energy == pytest.approx(
+        there.energy - short * (there.reactions("end").moment @ axis), abs=1e2 * short**2
+    )
 
 
 def test_state_survives_saving(tmp_path):

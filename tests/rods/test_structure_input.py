@@ -64,6 +64,17 @@ MADE_WRONG = {
     "distributed": (lambda: ROD.loaded(distributed=np.ones((4, 3))), "distributed"),
     "arm alone": (lambda: ROD.loaded(arm=[1, 0, 0]), "arm"),
     "couple": (lambda: ROD.loaded(couples={10: ([1, 0, 0], [0, 1, 0])}), "numbered 0 to 9"),
+    "couple in the middle": (
+        lambda: ROD.loaded(couples={1.5: ([1, 0, 0], [0, 1, 0])}),
+        "couples.*segment 1.5",
+    ),
+    "couple by truth": (
+        lambda: ROD.loaded(couples={True: ([1, 0, 0], [0, 1, 0])}),
+        "couples.*segment True",
+    ),
+    "couple without arm": (lambda: ROD.loaded(couples={1: 3.0}), "a force and an arm"),
+    "couples in a list": (lambda: ROD.loaded(couples=[1, 2]), "couples.*list.*mapping"),
+    "nodes in a list": (lambda: ROD.loaded(nodes=[1, 2, 3]), "nodes.*list.*mapping"),
     "natural curvature": (lambda: ROD.with_natural(curvature_1=np.ones(4)), "curvature_1"),
     "overcurvature": (lambda: ROD.with_overcurvature(2.0), "closed"),
     "quaternions": (lambda: RodState(np.ones((3, 4))), "unit"),
@@ -87,6 +98,18 @@ SOLVED_WRONG = {
         "1.5 apart",
     ),
     "across a ring": (RING.pinned(0, (0, 0, 0)).pinned(6, (0.6, 0, 0)), "0.5 long"),
+    "natural twist of more than half a turn": (
+        ROD.clamped("start").with_natural(twist=21.0),
+        "node 1 .*2.1;.*'sine'.*below 2: use more segments",
+    ),
+    "natural curvature of more than half a turn, with a start": (
+        Rod(LAW, LENGTHS, np.full((11, 3), 15.0), initial=ROD.initial).clamped("start"),
+        "more segments",
+    ),
+    "natural angle of more than half a turn": (
+        Rod(LAW, LENGTHS, measure="angle").clamped("start").with_natural(curvature_2=32.0),
+        "3.2;.*'angle'.*more segments",
+    ),
     "nothing holds it": (ROD.loaded(end=[0, 1.0, 0]), "nothing holds the rod"),
     "held along z only": (
         ROD.pinned("start", (None, None, 0)).loaded(end=[1.0, 0, 0]),
@@ -111,6 +134,24 @@ def test_rods_without_equilibrium_are_refused_when_they_are_solved(name):
     rod, message = SOLVED_WRONG[name]
     with pytest.raises(InvalidInput, match=message):
         ls.equilibrate(rod)
+
+
+@pytest.mark.parametrize(
+    ("measure", "strain"),
+    [("sine", {"twist": 19.0}), ("angle", {"curvature_1": 31.0}), ("averaged", {"twist": 28.0})],
+)
+def test_natural_strains_short_of_half_a_turn_are_attained(measure, strain):
+    rod = Rod(LAW, LENGTHS, measure=measure).clamped("start").with_natural(**strain)
+    eq = ls.equilibrate(rod)
+    assert eq.stable
+    assert eq.energy < 1e-18
+    assert np.max(eq.strains) == pytest.approx(max(strain.values()), rel=1e-10)
+
+
+def test_averaged_curvature_has_no_bound():
+    """It is 2 tan(angle/2) over the length, so that hinges of half a turn are infinitely far."""
+    rod = Rod(LAW, LENGTHS, measure="averaged").clamped("start").with_natural(curvature_1=50.0)
+    assert ls.equilibrate(rod).energy < 1e-18
 
 
 def test_balanced_loads_need_no_support():

@@ -4,6 +4,10 @@ The rods of chapter 4 of the thesis: a chain of rigid segments with frames, elas
 nodes. Units are the caller's: energies are stiffness over length.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from . import laws, measures, quaternions, results, sections
 from ._equilibrium import Reaction, RodEquilibrium
 from ._structure import Rod, RodState
@@ -17,7 +21,13 @@ from .shapes import along, arc, helix, ring, straight
 from .supports import Support
 from .user_laws import FunctionLaw, SymbolicLaw
 
+if TYPE_CHECKING:
+    from .centerline import CenterlineState
+    from .centerline_structure import CenterlineTwist
+
 __all__ = [
+    "CenterlineState",
+    "CenterlineTwist",
     "Circle",
     "Ellipse",
     "FunctionLaw",
@@ -50,3 +60,15 @@ __all__ = [
     "straight",
     "writhe",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "CenterlineState":
+        from .centerline import CenterlineState
+
+        return CenterlineState
+    if name == "CenterlineTwist":
+        from .centerline_structure import CenterlineTwist
+
+        return CenterlineTwist
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
