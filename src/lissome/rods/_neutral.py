@@ -26,53 +26,8 @@ def neutral_rotations(rod: Rod, state: RodState) -> Array:
     """
     layout = rod.layout
     plan = layout.plan
-    conditions: list[Array] = []
-
-    def turns(rows: Array) -> None:
-        for row in np.atleast_2d(rows):
-            conditions.append(np.append(row, 0.0))
-
-    spin = np.array([0.0, 0.0, 0.0, 1.0])
-    if not rod.isotropic:
-        conditions.append(spin)
-    loads = np.unique(layout.plan.dead, axis=0)
-    for force in loads[np.any(loads != 0.0, axis=1)]:
-        turns(_cross_matrix(force / np.linalg.norm(force)))
-    places = rod.positions(state)
-    for node, (k, _, _) in zip(layout.row_nodes, plan.rows, strict=True):
-        if node < 0:
-            continue  # closure: a rotation leaves it
-        anchor = layout.anchors[k]
-        assert anchor is not None
-        arm = places[node] - places[anchor[0]]
-        size = float(np.linalg.norm(arm))
-        if size <= REACH * rod.length:
-            continue
-        unit = np.eye(3)[k]
-        row = np.cross(arm / size, unit)
-        if np.linalg.norm(row) > 1e-9:
-            turns(row)
-        else:  # the component is at its extreme: every turn of the arm counts
-            turns(_cross_matrix(unit))
-    for _, force, arm in rod.couples:
-        # Other turns than those about the force are neutral to first order at best.
-        turns(_cross_matrix(force / np.linalg.norm(force)))
-        if np.any(arm[:2]):
-            conditions.append(spin)
     frames = rod.frames(state)
-    held = [0] if rod.held else []
-    for f in [*held, *layout.segment_of, *range(rod.lengths.size, frames.shape[0])]:
-        body = np.column_stack([to_matrix(frames[f]).T, [0.0, 0.0, -1.0]])
-        if plan.turning[f]:
-            axis = plan.axis[f]
-            k = int(plan.column[f]) - plan.first_angle
-            if not layout.plan.moments[k]:
-                body = (np.eye(3) - np.outer(axis, axis)) @ body
-        conditions.extend(body)
-    basis = np.eye(4)
-    if conditions:
-        _, sizes, vectors = np.linalg.svd(np.array(conditions))
-        basis = vectors[int(np.count_nonzero(sizes > 1e-7)) :]
+    basis = _neutral_motions(rod, state, frames)
     rows = np.zeros((basis.shape[0], rod.size))
     if not basis.size:
         return rows
@@ -94,6 +49,88 @@ def neutral_rotations(rod: Rod, state: RodState) -> Array:
     root = np.sqrt(layout.metric / rod.length)
     turn, sizes, _ = np.linalg.svd(rows * root, full_matrices=False)
     return turn.T[sizes > 1e-6] @ rows
+
+
+def _neutral_motions(rod: Rod, state: RodState, frames: Array) -> Array:
+    """Return a basis (g, 4) of the motions (omega, spin).
+
+    A motion has to be neutral however far it goes. What is so to first order only (the turn of an end
+    that is prescribed in one component, seen along its arm) is a direction that may be unstable. A
+    prescribed component stays if omega is along it or along the arm: the motions are found for one
+    such line after the other, and with and without a spin.
+    """
+    layout = rod.layout
+    plan = layout.plan
+    spin = np.array([[0.0, 0.0, 0.0, 1.0]])
+
+    def along(vector: Array) -> Array:
+        return np.column_stack([_cross_matrix(vector), np.zeros(3)])
+
+    conditions: list[Array] = []
+    loads = np.unique(plan.dead, axis=0)
+    for force in loads[np.any(loads != 0.0, axis=1)]:
+        conditions.append(along(force / np.linalg.norm(force)))
+    for _, force, arm in rod.couples:
+        # Other turns than those about the force are neutral to first order at best.
+        conditions.append(along(force / np.linalg.norm(force)))
+        if np.any(arm[:2]):
+            conditions.append(spin)
+    held = [0] if rod.held else []
+    turning = []
+    for f in [*held, *layout.segment_of, *range(rod.lengths.size, frames.shape[0])]:
+        body = np.column_stack([to_matrix(frames[f]).T, [0.0, 0.0, -1.0]])
+        if plan.turning[f] and not plan.moments[int(plan.column[f]) - plan.first_angle]:
+            axis = plan.axis[f]
+            turned = (np.eye(3) - np.outer(axis, axis)) @ body
+            # A spin goes on beside the turn only about the same axis.
+            turning.append((turned, turned if abs(axis[2]) > 1.0 - 1e-14 else body))
+        else:
+            conditions.append(body)
+
+    if not rod.isotropic:
+        conditions.append(spin)
+    if conditions and not _null_space(conditions).size:
+        return np.zeros((0, 4))
+
+    pairs = []  # of lines: the component that is prescribed, and the arm
+    places = rod.positions(state)
+    for node, (k, _, _) in zip(layout.row_nodes, plan.rows, strict=True):
+        if node < 0:
+            continue  # closure: a rotation leaves it
+        anchor = layout.anchors[k]
+        assert anchor is not None
+        arm = places[node] - places[anchor[0]]
+        size = float(np.linalg.norm(arm))
+        if size > REACH * rod.length:
+            pairs.append((np.eye(3)[k], arm / size))
+
+    found: list[Array] = []
+    # Without hinged supports the motions with a spin contain those without.
+    choices = (False, True) if turning and rod.isotropic else (rod.isotropic,)
+    for spinning in choices:
+        some = [*conditions, *([] if spinning else [spin])]
+        some += [pair[int(spinning)] for pair in turning]
+        for line in pairs[0] if pairs else (None,):
+            if line is None:
+                found.append(_null_space(some))
+                continue
+            cross = _cross_matrix(line)
+            if all(min(np.linalg.norm(cross @ v) for v in pair) < 1e-7 for pair in pairs):
+                found.append(_null_space([*some, along(line)]))
+            elif spinning:
+                found.append(_null_space([*some, np.eye(4)[:3]]))
+    motions = np.concatenate([np.zeros((0, 4)), *found])
+    if not motions.size:
+        return motions
+    _, sizes, vectors = np.linalg.svd(motions, full_matrices=False)
+    return np.asarray(vectors[: np.count_nonzero(sizes > 1e-6)])
+
+
+def _null_space(conditions: list[Array]) -> Array:
+    if not conditions:
+        return np.eye(4)
+    _, sizes, vectors = np.linalg.svd(np.concatenate(conditions))
+    return np.asarray(vectors[int(np.count_nonzero(sizes > 1e-7)) :])
 
 
 def _cross_matrix(v: Array) -> Array:
