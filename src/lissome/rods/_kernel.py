@@ -238,20 +238,29 @@ def _add_segments(
     constraints, order,
 ):  # fmt: skip
     """Overwrite everything by what belongs to segments, loads and constraints."""
+    lengths = plan.lengths
+    rows = plan.rows
+    span = plan.span
+    moments = plan.moments
+    dead = plan.dead
+    stiffness = plan.stiffness
+    column = plan.column
+    normal = plan.normal
+    arms = plan.arms
     length = plan.length
-    n = plan.lengths.size
-    m = plan.rows.shape[0]
+    n = lengths.size
+    m = rows.shape[0]
     first_row = length + border.shape[1] - m
     sums = constraints
     energy = 0.0
-    for i in range(plan.span.size):
-        energy += plan.span[i] * values[i]
-    for i in range(plan.moments.size):
-        energy -= plan.moments[i] * angles[i]
+    for i in range(span.size):
+        energy += span[i] * values[i]
+    for i in range(moments.size):
+        energy -= moments[i] * angles[i]
     if order >= 1:
         gradient[:] = 0.0
-        for i in range(plan.moments.size):
-            gradient[plan.first_angle + i] -= plan.moments[i]
+        for i in range(moments.size):
+            gradient[plan.first_angle + i] -= moments[i]
     if order >= 2:
         band[:] = 0.0
         border[:] = 0.0
@@ -266,10 +275,10 @@ def _add_segments(
         d2 = (2.0 * (x * y - s * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + s * x))
         d3 = (2.0 * (x * z + s * y), 2.0 * (y * z - s * x), 1.0 - 2.0 * (x * x + y * y))
         e = stretches[j]
-        le = plan.lengths[j] * e
-        energy -= le * (plan.dead[j, 0] * d3[0] + plan.dead[j, 1] * d3[1] + plan.dead[j, 2] * d3[2])
+        le = lengths[j] * e
+        energy -= le * (dead[j, 0] * d3[0] + dead[j, 1] * d3[1] + dead[j, 2] * d3[2])
         for r in range(m):
-            if plan.rows[r, 1] <= j < plan.rows[r, 2]:
+            if rows[r, 1] <= j < rows[r, 2]:
                 # Kahan's sum: the ends of a long chain are known to the round-off of one addition
                 term = le * _row(plan, r, j, d3) - lost[r]
                 total = sums[r] + term
@@ -277,19 +286,19 @@ def _add_segments(
                 sums[r] = total
         strain = 0.0
         ce = plan.stretch_column[j]
-        if plan.stiffness >= 0.0:
+        if stiffness >= 0.0:
             strain = 0.5 * (e * e - 1.0)  # (4.17) over the rest length
-            energy += 0.5 * plan.stiffness * plan.lengths[j] * strain * strain
+            energy += 0.5 * stiffness * lengths[j] * strain * strain
         if order == 0:
             continue
-        c = plan.column[j]
+        c = column[j]
         # The force in the segment: dead loads, and the multipliers of the constraints.
-        fx = plan.dead[j, 0]
-        fy = plan.dead[j, 1]
-        fz = plan.dead[j, 2]
+        fx = dead[j, 0]
+        fy = dead[j, 1]
+        fz = dead[j, 2]
         for r in range(m):
-            if plan.rows[r, 1] <= j < plan.rows[r, 2]:
-                k = plan.rows[r, 0]
+            if rows[r, 1] <= j < rows[r, 2]:
+                k = rows[r, 0]
                 if k == 0:
                     fx -= multipliers[r]
                 elif k == 1:
@@ -298,9 +307,9 @@ def _add_segments(
                     fz -= multipliers[r]
                 else:
                     w = multipliers[r] * plan.phase[j]
-                    fx -= w * plan.normal[0]
-                    fy -= w * plan.normal[1]
-                    fz -= w * plan.normal[2]
+                    fx -= w * normal[0]
+                    fy -= w * normal[1]
+                    fz -= w * normal[2]
         p1 = fx * d1[0] + fy * d1[1] + fz * d1[2]
         p2 = fx * d2[0] + fy * d2[1] + fz * d2[2]
         p3 = fx * d3[0] + fy * d3[1] + fz * d3[2]
@@ -308,11 +317,11 @@ def _add_segments(
             gradient[c] += le * p2
             gradient[c + 1] -= le * p1
         if ce >= 0:
-            gradient[ce] += plan.lengths[j] * (plan.stiffness * strain * e - p3)
+            gradient[ce] += lengths[j] * (stiffness * strain * e - p3)
         if order == 1:
             continue
         low = 0.5 * le
-        bend = plan.lengths[j] * plan.stiffness * (e * e + strain)
+        bend = lengths[j] * stiffness * (e * e + strain)
         if 0 <= c < length and (ce < 0 or ce < length):
             band[c, 0] += le * p3
             band[c + 1, 0] += le * p3
@@ -320,8 +329,8 @@ def _add_segments(
             band[c + 1, 1] -= low * p2
             if ce >= 0:  # it stands after the three angles
                 band[ce, 0] += bend
-                band[c, 3] += plan.lengths[j] * p2
-                band[c + 1, 2] -= plan.lengths[j] * p1
+                band[c, 3] += lengths[j] * p2
+                band[c + 1, 2] -= lengths[j] * p1
         else:
             block[:] = 0.0
             block[0, 0] = le * p3
@@ -329,11 +338,11 @@ def _add_segments(
             block[2, 0] = -low * p1
             block[2, 1] = -low * p2
             block[3, 3] = bend
-            block[3, 0] = plan.lengths[j] * p2
-            block[3, 1] = -plan.lengths[j] * p1
+            block[3, 0] = lengths[j] * p2
+            block[3, 1] = -lengths[j] * p1
             _add_lower(band, border, corner, c, ce, block)
         for r in range(m):
-            if plan.rows[r, 1] <= j < plan.rows[r, 2]:
+            if rows[r, 1] <= j < rows[r, 2]:
                 at = first_row - length + r
                 for k in range(3):
                     col = c + k if k < 2 else ce
@@ -344,7 +353,7 @@ def _add_segments(
                     elif k == 1:
                         value = le * _row(plan, r, j, d1)
                     else:
-                        value = plan.lengths[j] * _row(plan, r, j, d3)
+                        value = lengths[j] * _row(plan, r, j, d3)
                     if col < length:
                         border[col, at] = value
                     else:
@@ -352,14 +361,14 @@ def _add_segments(
                         corner[at, col - length] = value
     # ---- couples
     p = np.zeros(3)
-    for i in range(plan.arms.shape[0]):
-        j = int(plan.arms[i, 0])
+    for i in range(arms.shape[0]):
+        j = int(arms[i, 0])
         s, x, y, z = frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3]
-        _body(s, x, y, z, plan.arms[i, 1:4], p)
-        arm = plan.arms[i, 4:7]
+        _body(s, x, y, z, arms[i, 1:4], p)
+        arm = arms[i, 4:7]
         pa = p[0] * arm[0] + p[1] * arm[1] + p[2] * arm[2]
         energy -= pa
-        c = plan.column[j]
+        c = column[j]
         if order == 0 or c < 0:
             continue
         gradient[c] -= arm[1] * p[2] - arm[2] * p[1]
