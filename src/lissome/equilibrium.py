@@ -344,6 +344,10 @@ class _Solver:
             redundant = _redundancy_message(self.structure, self.kkt, self.gauge, self.metric)
             if redundant:
                 return InvalidInput(redundant)
+        diagnose = getattr(self.structure, "diagnose", None)
+        found = None if diagnose is None else diagnose(self.state)
+        if found:
+            message = f"{found} ({message})"
         return NotConverged(message, history=tuple(self.history), state=self.state)
 
     # ---- directions ------------------------------------------------------------------------------

@@ -95,14 +95,15 @@ class Structure(Protocol):
 
     Vectors `dx` are tangent vectors of the manifold of states: increments of the `size` unknowns.
 
-    Two methods are optional. ``present(equilibrium)`` returns the structure's own subclass of
+    Three methods are optional. ``present(equilibrium)`` returns the structure's own subclass of
     :class:`~lissome.equilibrium.Equilibrium`. ``correct(state, multipliers, tolerance)`` is a fast
     corrector: it returns a nearby stationary point as :class:`Corrected`, or None if it does not get
     to one. :func:`lissome.equilibrate` calls it once, before its own descent, with the start and a
     guess of the multipliers, and judges balance and stability of what it returns like those of any
     state: the corrector may hand over the evaluation and the factors that it has made there, but not a
     verdict. It may stop where the next Newton correction is within `tolerance` (relative to
-    ``typical``), without applying it; that correction is still made.
+    ``typical``), without applying it; that correction is still made. ``diagnose(state)`` is asked about
+    the last state when a solve fails: it returns what is wrong with that state, and the remedy, or None.
     """
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._validate import finite, finite_array, integer_at_least, one_of, positive
 from ..equilibrium import Equilibrium
-from ..errors import InvalidInput
+from ..errors import InvalidInput, LissomeWarning
 from ..factorization import ChainKKT
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
@@ -31,6 +32,8 @@ __all__ = ["Rod", "RodState"]
 
 Array = NDArray[np.float64]
 KEEP: Any = object()
+#: A hinge that turns farther (radians) is too far from a piece of a smooth rod.
+SHARP = 150.0 * math.pi / 180.0
 
 
 def _frozen(array: Array) -> Array:
@@ -852,8 +855,30 @@ class Rod(BaseStructure):
         return fast_correction(self, state, multipliers, tolerance)
 
     def present(self, equilibrium: Equilibrium) -> RodEquilibrium:
-        """Return the equilibrium with positions, forces and moments."""
+        """Return the equilibrium with positions, forces and moments.
+
+        Warns
+        -----
+        LissomeWarning
+            If a hinge turns by more than 150 degrees: the mesh is too coarse.
+        """
+        found = self.diagnose(equilibrium.state)
+        if found:
+            warnings.warn(found, LissomeWarning, stacklevel=5)
         return equilibrium.as_type(RodEquilibrium)
+
+    def diagnose(self, state: RodState) -> str | None:
+        """Return the remedy if a hinge turns by more than 150 degrees, else None."""
+        plan = self.layout.plan
+        q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
+        _kernel.hinge_rotations(self.frames(state), plan.left, plan.right, plan.twist, q, kappa)
+        i = int(np.argmin(q[:, 0]))
+        if q[i, 0] >= math.cos(0.5 * SHARP):
+            return None
+        return (
+            f"the hinge at node {self.layout.nodes[i]} turns by nearly half a turn: use more segments, "
+            "or loads and supports that bend the rod less"
+        )
 
     @property
     def couples(self) -> list[tuple[int, Array, Array]]:
