@@ -2,6 +2,9 @@
 
 The rods of chapter 4 of the thesis: a chain of rigid segments with frames, elastic hinges at the
 nodes. Units are the caller's: energies are stiffness over length.
+
+Self-contact is not modeled: a rod may pass through itself, which ``self_crossings()`` of an
+equilibrium tells.
 """
 
 from __future__ import annotations
