@@ -494,7 +494,10 @@ class _Solver:
         """Step along the direction of most negative curvature, downhill."""
         structure = self.structure
         factor, shift = self.regular(self.last_shift * 4)
-        curvature, mode = lowest_mode(self.kkt, factor, self.metric)
+        try:
+            curvature, mode = lowest_mode(self.kkt, factor, self.metric)
+        except FactorizationError:
+            return False
         if not curvature < 0:
             return False
         # A constraint that holds to rounding must not hide the small fall of the energy.

@@ -172,6 +172,11 @@ def lowest_mode(kkt: KKTMatrix, factor: Factorization, metric: Array) -> tuple[f
     """Return the lowest eigenvalue and its mode, roughly, given factors with right inertia."""
     _, modes = _lanczos(factor, metric, 1, np.zeros((0, kkt.n)), 0, 1e-3)
     values, modes = _rayleigh(kkt, metric, modes, np.zeros(kkt.m))
+    if values.size == 0:
+        raise FactorizationError(
+            "no mode of the second variation can be told from rounding errors: its entries differ too "
+            "much in size; check the units of loads and stiffnesses"
+        )
     return float(values[0]), modes[0]
 
 

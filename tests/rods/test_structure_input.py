@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import lissome as ls
 from lissome import rods
-from lissome.errors import InvalidInput, LissomeWarning, NotConverged
+from lissome.errors import InvalidInput, LissomeError, LissomeWarning, NotConverged
 from lissome.rods import Kirchhoff, Rod, RodState
 
 LAW = Kirchhoff(bending=(1.0, 2.0), twisting=1.5)
@@ -214,3 +214,10 @@ def test_arguments_are_not_kept_by_reference():
     assert np.array_equal(ls.equilibrate(rod).positions, before)
     with pytest.raises(ValueError, match="read-only"):
         rod.lengths[0] = 1.0
+
+
+@pytest.mark.parametrize("force", [1e150, 1e300])
+def test_absurd_loads_end_in_an_error_of_the_library(force):
+    rod = rods.straight(1.0, 20, rods.Kirchhoff((1.0, 1.3), 0.8)).clamped("start")
+    with pytest.raises(LissomeError):
+        ls.equilibrate(rod.loaded(end=[force, 0.0, 0.0]))
