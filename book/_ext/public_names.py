@@ -5,6 +5,10 @@ docstrings write ``:func:`lissome.equilibrate` `` or, in a module that imports i
 ``:class:`DataError` ``, while the reference documents ``lissome.equilibrium.equilibrate``.
 Headings in the docstrings of modules become rubrics, since sections of one name on several pages
 would be ambiguous as targets.
+
+Listings of sources lead back to the reference. Sphinx takes all names of a module to be documented
+under one prefix; those that are not (a package shows some of a module's names as its own) are found
+here.
 """
 
 from __future__ import annotations
@@ -39,7 +43,28 @@ def _resolve(app, env, node, contnode):
     )
 
 
+def mended(body, module, documented):
+    """Return a listing whose links to names that are not documented point to the module's own."""
+
+    def link(match):
+        if match[2] in documented:
+            return match[0]
+        parts = match[2].split(".")
+        names = (".".join([module, *parts[k:]]) for k in range(1, len(parts)))
+        return match[1] + next((name for name in names if name in documented), match[2])
+
+    return re.sub(r'(class="viewcode-back" href="[^"#]*#)([^"]+)', link, body)
+
+
+def _mend_links_back(app, pagename, templatename, context, doctree):
+    if pagename.startswith("_modules/") and "body" in context:
+        module = pagename.removeprefix("_modules/").replace("/", ".")
+        documented = app.env.get_domain("py").objects
+        context["body"] = mended(context["body"], module, documented)
+
+
 def setup(app):
+    app.connect("html-page-context", _mend_links_back)
     app.connect("missing-reference", _resolve)
     app.connect("autodoc-process-docstring", _headings_to_rubrics)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
