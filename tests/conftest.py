@@ -1,5 +1,6 @@
 """Fixtures and paths that the tests of the repository share."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -7,7 +8,10 @@ import hypothesis
 import pytest
 
 # How long an example takes says nothing about whether it is right.
-hypothesis.settings.register_profile("lissome", deadline=None, print_blob=True)
+# A run that decides on a change draws the same examples each time; others look further.
+hypothesis.settings.register_profile(
+    "lissome", deadline=None, print_blob=True, derandomize=bool(os.environ.get("CI"))
+)
 hypothesis.settings.load_profile("lissome")
 
 ROOT = Path(__file__).resolve().parent.parent

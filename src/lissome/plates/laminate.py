@@ -599,6 +599,10 @@ def _integral(function: Callable[[Array], Array], low: float, high: float) -> Ar
     return _refined(value, np.array([low, high]))[0]
 
 
+#: Numbers below it have lost digits: nothing settles to a relative accuracy there.
+_LEAST = float(np.finfo(float).tiny / np.finfo(float).eps)
+
+
 def _refined(
     function: Callable[[Array], tuple[Array, Array]], edges: Array, accuracy: float = 0.0
 ) -> Array:
@@ -616,7 +620,8 @@ def _refined(
         current, floors = function(edges)
         scale = np.abs(current).reshape(len(current), -1).max(axis=1)
         change = np.abs(current - previous).reshape(len(current), -1).max(axis=1)
-        if np.all(change <= np.maximum(max(tolerance, accuracy) * scale, floors)):
+        allowed = np.maximum(max(tolerance, accuracy) * scale, floors)
+        if np.all(change <= np.maximum(allowed, _LEAST)):
             return current
         previous = current
     raise NotConverged(
