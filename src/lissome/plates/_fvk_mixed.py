@@ -26,7 +26,7 @@ from scipy import linalg, sparse
 from .._validate import one_of, positive
 from ..errors import InvalidInput
 from ..factorization import SparseKKT
-from ..structure import BaseStructure, Evaluation
+from ..structure import Evaluation
 from ._fvk_fields import scalar_field, tensor_field
 from ._fvk_space import (
     Geometry,
@@ -36,7 +36,7 @@ from ._fvk_space import (
     select_edges,
     sparse_pattern,
 )
-from ._fvk_state import PlateState, check_moduli
+from ._fvk_state import PlateState, PlateUnknowns, check_moduli
 from ._fvk_tables import lagrange, triangle_rule
 
 __all__ = ["MixedPlate", "projected_bending"]
@@ -105,7 +105,7 @@ def _scatter(rows: Index, columns: Index, local: Array, shape: tuple[int, int]) 
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MixedPlate(BaseStructure):
+class MixedPlate(PlateUnknowns):
     r"""A Foeppl-von Karman plate by the thesis's augmented Lagrangian (section 5.4).
 
     Parameters
@@ -164,7 +164,7 @@ class MixedPlate(BaseStructure):
                 f"argument `penalty` is {self.penalty:.4g}; the robust form works in [{low}, {high}]: "
                 f"at this value {why}"
             )
-        space, m = self._space, self._material
+        space, m = self.space, self._material
         natural = tensor_field("curvature", self.curvature)(m["x"])
         strain = tensor_field("strain", self.strain)(m["x"])
         pressure = scalar_field("pressure", self.pressure)(m["x"])
@@ -200,7 +200,8 @@ class MixedPlate(BaseStructure):
             )
 
     @cached_property
-    def _space(self) -> _MixedSpace:
+    def space(self) -> _MixedSpace:
+        """Unknowns and integration points on the mesh."""
         if "space" not in self._shared:
             self._shared["space"] = _MixedSpace(self.mesh, self.orders, self.edges)
         return self._shared["space"]
@@ -210,7 +211,7 @@ class MixedPlate(BaseStructure):
         """Everything that does not depend on spontaneous strain and curvature, nor on the load."""
         if "material" in self._shared:
             return self._shared["material"]
-        space = self._space
+        space = self.space
         points, weights = triangle_rule(4)
         geometry = space.geometry.at(points, weights)
         stretching = scalar_field("stretching", self.stretching)(geometry.x)
@@ -311,7 +312,7 @@ class MixedPlate(BaseStructure):
 
     def _motion(self, weights: Array, x: Array) -> Array:
         """Return a combination of u_x, u_y, rotation, w, tilt by x, tilt by y, at a state."""
-        space = self._space
+        space = self.space
         n, k, scale = space.outer_nodes, space.inner_nodes, space.extent
         center = space.positions.mean(axis=0)
         place, inner = (space.positions - center) / scale, (space.inner_positions - center) / scale
@@ -333,7 +334,7 @@ class MixedPlate(BaseStructure):
     @cached_property
     def _neutral(self) -> tuple[Array, Array]:
         """Return combinations of rigid motions that are exact, and those with a tilt."""
-        space = self._space
+        space = self.space
         rows = np.array([self._motion(unit, np.zeros(space.size)) for unit in np.eye(6)])
         held = rows[:, space.fixed]
         allowed = np.eye(6)
@@ -355,7 +356,7 @@ class MixedPlate(BaseStructure):
     @property
     def size(self) -> int:
         """Number of free unknowns u, w and xi."""
-        return len(self._space.free)
+        return len(self.space.free)
 
     @property
     def constraints_count(self) -> int:
@@ -364,7 +365,7 @@ class MixedPlate(BaseStructure):
 
     @cached_property
     def _jacobian(self) -> Any:
-        space, m = self._space, self._material
+        space, m = self.space, self._material
         jacobian = m["constraints"][:, space.free]
         _, tilts = self._neutral
         if len(tilts):
@@ -380,39 +381,11 @@ class MixedPlate(BaseStructure):
             jacobian = sparse.vstack([jacobian, rows]).tocsr()
         return jacobian
 
-    def start(self) -> PlateState:
-        """Return the flat plate."""
-        return PlateState(np.zeros(self._space.size))
-
-    def adopt(self, state: PlateState) -> PlateState:
-        """Return `state` with what the supports hold set to zero."""
-        x = self._vector(state).copy()
-        x[self._space.fixed] = 0.0
-        return PlateState(x)
-
-    def retract(self, state: PlateState, dx: Array) -> PlateState:
-        """Return the state reached by the increment `dx` of the free unknowns."""
-        x = state.x.copy()
-        x[self._space.free] += dx
-        return PlateState(x)
-
-    def difference(self, a: PlateState, b: PlateState) -> Array:
-        """Return the increment of the free unknowns from `a` to `b`."""
-        return (b.x - a.x)[self._space.free]
-
-    def _vector(self, state: PlateState) -> Array:
-        if state.x.shape != (self._space.size,):
-            raise InvalidInput(
-                f"the state has {state.x.size} unknowns; this plate has {self._space.size}: it "
-                "belongs to another mesh or scheme"
-            )
-        return state.x
-
     def evaluate(self, state: PlateState, multipliers: Array, order: int = 2) -> Evaluation:
         """Return energy (with the penalty), constraints, gradient and KKT matrix."""
         from ._fvk_kernel import membrane
 
-        space, m = self._space, self._material
+        space, m = self.space, self._material
         x = self._vector(state)
         indptr, indices, places = m["pattern"]
         force = np.zeros(space.size)
@@ -436,11 +409,11 @@ class MixedPlate(BaseStructure):
 
     def metric(self, state: PlateState) -> Array:
         """Return areas of the nodes; for slopes, times the mean area of a triangle."""
-        return self._material["mass"][self._space.free]
+        return self._material["mass"][self.space.free]
 
     def typical(self, state: PlateState) -> Array:
         """Return sizes that fit the thickness, the spontaneous strain and the curvature."""
-        space, s = self._space, self._slope
+        space, s = self.space, self._slope
         n, k = space.outer_nodes, space.inner_nodes
         sizes = np.concatenate(
             [np.full(2 * n, s**2 * space.extent), np.full(k, s * space.extent), np.full(2 * k, s)]
@@ -452,7 +425,7 @@ class MixedPlate(BaseStructure):
         exact, _ = self._neutral
         x = self._vector(state)
         rows = np.array([self._motion(row, x) for row in exact]).reshape(len(exact), -1)
-        return rows[:, self._space.free]
+        return rows[:, self.space.free]
 
     # -- what a state means -------------------------------------------------------------------------
 
@@ -462,7 +435,7 @@ class MixedPlate(BaseStructure):
         displacement: Callable[[Array, Array], ArrayLike] | None = None,
     ) -> PlateState:
         """Return the state that interpolates functions of x, y; slopes are projected."""
-        space = self._space
+        space = self.space
         n, k = space.outer_nodes, space.inner_nodes
         out = np.zeros(space.size)
         if displacement is not None:
@@ -478,7 +451,7 @@ class MixedPlate(BaseStructure):
 
     def _projected(self, w: Array) -> Array:
         """Return the slopes that satisfy the constraint for nodal deflections."""
-        space = self._space
+        space = self.space
         n, k = space.outer_nodes, space.inner_nodes
         constraints = self._material["constraints"]
         loose = 2 * n + k + space.loose
@@ -489,12 +462,12 @@ class MixedPlate(BaseStructure):
 
     def deflection(self, state: PlateState) -> Array:
         """Return w at the vertices of the mesh, shape (vertices,)."""
-        n = self._space.outer_nodes
+        n = self.space.outer_nodes
         return self._vector(state)[2 * n : 2 * n + self.mesh.nvertices].copy()
 
     def displacement(self, state: PlateState) -> Array:
         """Return u at the vertices of the mesh, shape (vertices, 2)."""
-        n, x = self._space.outer_nodes, self._vector(state)
+        n, x = self.space.outer_nodes, self._vector(state)
         return np.stack([x[: self.mesh.nvertices], x[n : n + self.mesh.nvertices]], axis=1)
 
 
@@ -524,7 +497,7 @@ def projected_bending(plate: MixedPlate, count: int = 8) -> tuple[Array, Array]:
     modes : ndarray, shape (count, nodes of w)
         Deflections at all nodes.
     """
-    space, m = plate._space, plate._material
+    space, m = plate.space, plate._material
     n, k = space.outer_nodes, space.inner_nodes
     if k > 3000:
         raise InvalidInput(

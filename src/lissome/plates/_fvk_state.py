@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
+from ..structure import BaseStructure
 
 Array = NDArray[np.float64]
 
@@ -30,6 +32,43 @@ class PlateState:
             raise InvalidInput(f"argument `x` has shape {x.shape}; it must be a vector")
         x.flags.writeable = False
         object.__setattr__(self, "x", x)
+
+
+class PlateUnknowns(BaseStructure):
+    """Handling of the vector of unknowns, of which supports hold some at zero.
+
+    A scheme defines `space`: the number `size` of unknowns, and the indices that are `free` and `fixed`.
+    """
+
+    space: Any
+
+    def start(self) -> PlateState:
+        """Return the flat plate."""
+        return PlateState(np.zeros(self.space.size))
+
+    def adopt(self, state: PlateState) -> PlateState:
+        """Return `state` with what the supports hold set to zero."""
+        x = self._vector(state).copy()
+        x[self.space.fixed] = 0.0
+        return PlateState(x)
+
+    def retract(self, state: PlateState, dx: Array) -> PlateState:
+        """Return the state reached by the increment `dx` of the free unknowns."""
+        x = state.x.copy()
+        x[self.space.free] += dx
+        return PlateState(x)
+
+    def difference(self, a: PlateState, b: PlateState) -> Array:
+        """Return the increment of the free unknowns from `a` to `b`."""
+        return (b.x - a.x)[self.space.free]
+
+    def _vector(self, state: PlateState) -> Array:
+        if state.x.shape != (self.space.size,):
+            raise InvalidInput(
+                f"the state has {state.x.size} unknowns; this plate has {self.space.size}: it "
+                "belongs to another mesh, degree or scheme"
+            )
+        return state.x
 
 
 def check_moduli(name: str, modulus: Array, poisson: Array) -> None:

@@ -26,11 +26,11 @@ from .._validate import finite
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
 from ..factorization import SparseKKT
-from ..structure import BaseStructure, Evaluation
+from ..structure import Evaluation
 from ._fvk_fields import Field, scalar_field, tensor_field
 from ._fvk_mixed import MixedPlate, projected_bending
 from ._fvk_space import EDGE_KINDS, PlateSpace
-from ._fvk_state import PlateState, check_moduli
+from ._fvk_state import PlateState, PlateUnknowns, check_moduli
 from ._fvk_tables import lagrange, triangle_rule
 
 __all__ = [
@@ -120,7 +120,7 @@ class _Bending:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Plate(BaseStructure):
+class Plate(PlateUnknowns):
     r"""A Foeppl-von Karman plate; a :class:`~lissome.structure.Structure` without constraints.
 
     Moments are discontinuous and found triangle by triangle (the hybridized method of Hellan,
@@ -298,34 +298,6 @@ class Plate(BaseStructure):
     def size(self) -> int:
         """Number of free unknowns."""
         return len(self.space.free)
-
-    def start(self) -> PlateState:
-        """Return the flat plate."""
-        return PlateState(np.zeros(self.space.size))
-
-    def adopt(self, state: PlateState) -> PlateState:
-        """Return `state` with what the supports hold set to zero."""
-        x = self._vector(state).copy()
-        x[self.space.fixed] = 0.0
-        return PlateState(x)
-
-    def retract(self, state: PlateState, dx: Array) -> PlateState:
-        """Return the state reached by the increment `dx` of the free unknowns."""
-        x = state.x.copy()
-        x[self.space.free] += dx
-        return PlateState(x)
-
-    def difference(self, a: PlateState, b: PlateState) -> Array:
-        """Return the increment of the free unknowns from `a` to `b`."""
-        return (b.x - a.x)[self.space.free]
-
-    def _vector(self, state: PlateState) -> Array:
-        if state.x.shape != (self.space.size,):
-            raise InvalidInput(
-                f"the state has {state.x.size} unknowns; this plate has {self.space.size}: it "
-                "belongs to another mesh or degree"
-            )
-        return state.x
 
     def evaluate(self, state: PlateState, multipliers: Array, order: int = 2) -> Evaluation:
         """Return energy, gradient and Hessian with respect to the free unknowns."""
