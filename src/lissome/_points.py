@@ -10,6 +10,7 @@ import io
 import json
 import os
 import pickle
+import platform
 import secrets
 import sys
 import traceback
@@ -23,7 +24,16 @@ import numpy as np
 from ._sources import Witness, differing_function, differing_source
 from .errors import InvalidInput
 
-__all__ = ["Asker", "DamagedEntry", "Failure", "Result", "ResultStore", "Stale", "run_point"]
+__all__ = [
+    "Asker",
+    "DamagedEntry",
+    "Failure",
+    "Result",
+    "ResultStore",
+    "Stale",
+    "run_point",
+    "this_process",
+]
 
 _FORMAT = 1
 _STORABLE = "biufcUMm"  # kinds of numpy types that a .npz file holds without pickle
@@ -65,9 +75,14 @@ class Stale:
 class Asker:
     """The process that asks for points, and the code that it has."""
 
-    process: int
+    process: tuple[str, int]
     sources: dict[str, str]
     witnesses: tuple[Witness, ...]
+
+
+def this_process() -> tuple[str, int]:
+    """Return what tells this process from all others, also from those of another machine."""
+    return platform.node(), os.getpid()
 
 
 def run_point(
@@ -78,7 +93,7 @@ def run_point(
     In another process than the asker's the code is compared first, and the BLAS libraries are
     limited to one thread: the executor is the only source of parallelism, and sums have one order.
     """
-    elsewhere = os.getpid() != asker.process
+    elsewhere = this_process() != asker.process
     if elsewhere:
         name = differing_function(asker.witnesses)
         if name is not None:

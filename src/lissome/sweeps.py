@@ -22,7 +22,17 @@ import pandas as pd
 import threadpoolctl
 from tqdm import tqdm
 
-from ._points import Asker, DamagedEntry, Failure, Result, ResultStore, Stale, run_point
+from ._executors import Workers, is_client, worker_died
+from ._points import (
+    Asker,
+    DamagedEntry,
+    Failure,
+    Result,
+    ResultStore,
+    Stale,
+    run_point,
+    this_process,
+)
 from ._sources import library_changed, library_sources
 from ._validate import one_of
 from ._work import Work
@@ -36,7 +46,7 @@ _Outcome = Result | Failure
 def sweep(
     function: Callable[..., Any],
     grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]] | pd.DataFrame,
-    executor: concurrent.futures.Executor | str | None = None,
+    executor: Any = None,
     cache: str | os.PathLike[str] | None = None,
     *,
     on_error: str = "raise",
@@ -55,10 +65,12 @@ def sweep(
         A mapping of parameter names to values gives their full product, the last name varying
         fastest; a sequence of mappings, or the rows of a frame, are the points themselves. Scalars
         of numpy are passed as Python scalars where that is exact.
-    executor : concurrent.futures.Executor, "serial" or None, optional
+    executor : concurrent.futures.Executor, distributed.Client, "serial" or None, optional
         Where the points are computed. None (default): as many processes of `loky` as there are
-        processors; functions of notebooks will do. ``"serial"``: here, one after the other. Any
-        other executor is used, and left open. BLAS libraries are limited to one thread.
+        processors; functions of notebooks will do. ``"serial"``: here, one after the other. The
+        client of a Dask cluster: on all its workers, which may come and go; points of a worker
+        that dies are given to another. Any other executor is used, and left open. BLAS libraries
+        are limited to one thread.
     cache : path, optional
         Folder of finished points (JSON, and .npz for arrays; made if missing). Each point is stored
         as soon as it is finished, so that an interrupted sweep goes on where it was. A stored point
@@ -112,10 +124,14 @@ def sweep(
         raise InvalidInput(
             f"argument `function` is {function!r}; pass a callable that takes the grid's names"
         )
-    if not (executor is None or isinstance(executor, (str, concurrent.futures.Executor))):
+    if not (
+        executor is None
+        or isinstance(executor, (str, concurrent.futures.Executor))
+        or is_client(executor)
+    ):
         raise InvalidInput(
-            f"argument `executor` is {executor!r}; pass None (processes), 'serial', or an "
-            "instance of concurrent.futures.Executor"
+            f"argument `executor` is {executor!r}; pass None (processes), 'serial', an instance "
+            "of concurrent.futures.Executor, or the client of a Dask cluster"
         )
     if isinstance(executor, str):
         one_of("executor", executor, ["serial"])
@@ -147,7 +163,7 @@ class _Run:
         self.on_error = on_error
         self.outcomes: dict[int, _Outcome] = {}
         self._work = Work(function)
-        self._asker = Asker(os.getpid(), library_sources(), self._work.witnesses)
+        self._asker = Asker(this_process(), library_sources(), self._work.witnesses)
         self.cached = 0
         self._store: ResultStore | None = None
         self._keys: list[str] = []
@@ -225,9 +241,7 @@ class _Run:
 
     # Execution -----------------------------------------------------------------------------------
 
-    def execute(
-        self, executor: concurrent.futures.Executor | str | None, progress: bool | None
-    ) -> None:
+    def execute(self, executor: Any, progress: bool | None) -> None:
         pending = [index for index in range(len(self.points)) if index not in self.outcomes]
         if not pending:
             return
@@ -238,13 +252,13 @@ class _Run:
         ) as bar:
             if executor == "serial":
                 self._serially(pending, bar)
-            elif isinstance(executor, concurrent.futures.Executor):
+            elif executor is None:
+                self._in_processes(pending, bar)
+            else:
                 try:
-                    self._concurrently(pending, bar, executor)
+                    self._concurrently(pending, bar, Workers.of(executor))
                 except _StaleWorkersError as stale:
                     raise self._stale(stale.index, stale.name) from None
-            else:
-                self._in_processes(pending, bar)
         self._raise_first_failure()
 
     def _serially(self, pending: list[int], bar: tqdm[Any]) -> None:
@@ -267,7 +281,7 @@ class _Run:
         for last in (False, True):
             executor = loky.get_reusable_executor(max_workers=workers, env=one, timeout=60)
             try:
-                self._concurrently(pending, bar, executor)
+                self._concurrently(pending, bar, Workers.of(executor))
                 return
             except _StaleWorkersError as stale:
                 # They may be left from a former sweep, before a module was reloaded.
@@ -280,11 +294,7 @@ class _Run:
                     executor.shutdown(wait=False, kill_workers=True)
                 raise
 
-    def _concurrently(
-        self, pending: list[int], bar: tqdm[Any], executor: concurrent.futures.Executor
-    ) -> None:
-        # A short queue keeps all workers busy, and little is in vain if a point fails.
-        width = 2 * (getattr(executor, "_max_workers", None) or os.cpu_count() or 1) + 1
+    def _concurrently(self, pending: list[int], bar: tqdm[Any], workers: Workers) -> None:
         queue = iter(pending)
         running: dict[concurrent.futures.Future[_Outcome | Stale], int] = {}
         broken: tuple[int, Exception] | None = None
@@ -294,9 +304,12 @@ class _Run:
             try:
                 while broken is None:
                     try:
-                        for index in itertools.islice(queue, width - len(running)):
-                            point = self.points[index]
-                            future = executor.submit(run_point, self.function, point, self._asker)
+                        # A short queue keeps all busy, and little is in vain if a point fails.
+                        room = max(2 * workers.slots() + 1 - len(running), 0)
+                        for index in itertools.islice(queue, room):
+                            future = workers.executor.submit(
+                                run_point, self.function, self.points[index], self._asker
+                            )
                             running[future] = index
                     except RuntimeError as error:  # the executor is broken, or shut down
                         broken = index, error
@@ -349,7 +362,7 @@ class _Run:
         """Describe a failure of the executor, not of the function."""
         kept = f"{len(self.outcomes)} of {len(self.points)} points are finished"
         kept += " and stored; run again to go on" if self._store is not None else ""
-        if isinstance(error, concurrent.futures.BrokenExecutor):
+        if worker_died(error):
             why = (
                 "a worker process died (killed, out of memory, or crashed in compiled code) near "
                 f"the point {_shown(self.points[index])}"
