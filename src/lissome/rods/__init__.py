@@ -18,7 +18,7 @@ from .law_checks import check_law
 from .laws import Kirchhoff, Law
 from .loads import Loads
 from .results import linking_number, self_crossings, writhe
-from .ribbon_laws import RefinedRibbon, SanoWada, crossover_length, ribbon_phi
+from .ribbon_laws import RefinedRibbon, RelaxedRibbon, SanoWada, crossover_length, ribbon_phi
 from .sections import Circle, Ellipse, Rectangle
 from .shapes import along, arc, helix, ring, straight
 from .supports import Support
@@ -40,6 +40,7 @@ __all__ = [
     "Reaction",
     "Rectangle",
     "RefinedRibbon",
+    "RelaxedRibbon",
     "Rod",
     "RodEquilibrium",
     "RodState",

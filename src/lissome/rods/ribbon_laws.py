@@ -23,7 +23,14 @@ from .._compile import jit
 from .._validate import finite_array, one_of, positive
 from .laws import CompiledLaw, common_count, poisson, table, varying
 
-__all__ = ["CROSSOVERS", "RefinedRibbon", "SanoWada", "crossover_length", "ribbon_phi"]
+__all__ = [
+    "CROSSOVERS",
+    "RefinedRibbon",
+    "RelaxedRibbon",
+    "SanoWada",
+    "crossover_length",
+    "ribbon_phi",
+]
 
 Array = NDArray[np.float64]
 
@@ -271,6 +278,208 @@ def _positive_root(a: float, b: float, c: float, d: float) -> float:
     return float(
         brentq(lambda x: ((a * x + b) * x + c) * x + d, 0.0, high, xtol=1e-300, rtol=1e-15)
     )
+
+
+# ---------------------------------------------------------------------------------------------
+# The convex envelope of Sano and Wada's law, and of Sadowsky's
+
+
+@jit
+def relaxed_square(x, z, soft, smooth):
+    """Return D = 1/xi^2 + t at the minimum over t, and t - x^2.
+
+    D is the only root beyond max(x^2 + 1/xi^2, z^2) of a cubic that is convex there: Newton's method
+    from above falls to it monotonically.
+    """
+    z4 = z * z * z * z
+    base = soft + x * x
+    floor = max(base, z * z)
+    d = floor + 2.0 * (smooth + math.sqrt(smooth * floor))
+    for _ in range(200):
+        value = (d - base) * (d * d - z4) - smooth * d * d
+        slope = d * d - z4 + 2.0 * d * (d - base - smooth)
+        after = d - value / slope
+        if not after < d:
+            break
+        d = after
+    excess = d - base
+    if z4 < 0.5 * d * d:  # no cancellation where the ribbon is little twisted
+        excess = smooth * d * d / (d * d - z4)
+    return d, excess
+
+
+@jit
+def _relaxed(parameters, k, energy, stress, stiffness, order):
+    step = 0 if parameters.shape[0] == 1 else 1
+    for i in range(k.shape[0]):
+        row = i * step
+        b1, b2, c, soft, smooth = (
+            parameters[row, 0],
+            parameters[row, 1],
+            parameters[row, 2],
+            parameters[row, 3],  # 1 / xi^2
+            parameters[row, 4],  # delta^2
+        )
+        x, y, z = k[i, 0], k[i, 1], k[i, 2]
+        d, excess = relaxed_square(x, z, soft, smooth)
+        z2 = z * z
+        q = smooth / excess  # 1 - z^4 / D^2
+        barrier = smooth * (math.log(q) - 1.0)
+        energy[i] = 0.5 * (b1 * (x * x + excess + z2 * z2 / d + barrier) + b2 * y * y + c * z2)
+        if order >= 1:
+            stress[i, 0] = b1 * x * q
+            stress[i, 1] = b2 * y
+            stress[i, 2] = z * (2.0 * b1 * z2 / d + c)
+        if order >= 2:
+            for a in range(3):
+                stiffness[i, a, 1] = 0.0
+                stiffness[i, 1, a] = 0.0
+            d3 = d * d * d
+            weight = 1.0 / (1.0 + 2.0 * smooth * z2 * z2 / (d3 * q * q))  # dD / dx^2
+            by_x = 2.0 * x * weight
+            by_z = 4.0 * smooth * z * z2 / (d * d * q * q) * weight
+            stiffness[i, 0, 0] = b1 * (q + 2.0 * x * z2 * z2 / d3 * by_x)
+            stiffness[i, 1, 1] = b2
+            stiffness[i, 2, 2] = b1 * (6.0 * z2 / d - 2.0 * z * z2 / (d * d) * by_z) + c
+            cross = b1 * x * (-4.0 * z * z2 / (d * d) + 2.0 * z2 * z2 / d3 * by_z)
+            stiffness[i, 0, 2] = cross
+            stiffness[i, 2, 0] = cross
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxedRibbon(CompiledLaw):
+    r"""The convex envelope of Sano and Wada's law, slightly smoothed; and of Sadowsky's.
+
+    Where a ribbon is twisted more than it is bent, :math:`k_3^2 > 1/\xi^2 + k_1^2`, the law of
+    :class:`SanoWada` is not convex: bending more here and less there, at the same mean, takes less
+    energy. With the mean square :math:`t \ge k_1^2` of the curvature as a variable of its own,
+
+    .. math::
+        W = \tfrac12 B_1 \min_{t > k_1^2} \Big[t + \frac{k_3^4}{1/\xi^2 + t}
+            - \delta^2 \Big(1 + \log\frac{t - k_1^2}{\delta^2}\Big)\Big]
+            + \tfrac12 B_2 k_2^2 + \tfrac12 C k_3^2 .
+
+    The bracket is jointly convex in :math:`t, k_1, k_3`, so W is smooth and strictly convex: elliptic at
+    every strain. As the smoothing :math:`\delta` goes to zero it becomes the convex envelope, which is
+    the law itself up to the twist above and :math:`\tfrac12 B_1(2k_3^2 - 1/\xi^2) + \tfrac12 C k_3^2`
+    beyond. For Sadowsky's law (:meth:`sadowsky`: :math:`\xi=\infty`) the envelope is
+    :math:`\tfrac12 Dw (k_1^2+k_3^2)^2/k_1^2` where :math:`|k_1| > |k_3|`, and
+    :math:`\tfrac12 Dw\,4k_3^2` elsewhere.
+
+    Parameters
+    ----------
+    bending : (B1, B2)
+        Bending stiffnesses about the width and about the thickness (force times length squared).
+    twisting : float or array_like
+        Twisting stiffness C without stretching.
+    crossover : float or array_like
+        The length :math:`\xi`; ``math.inf`` for a ribbon that does not stretch.
+    smoothing : float or array_like
+        The curvature :math:`\delta` (1/length), small beside those of interest.
+
+    Raises
+    ------
+    InvalidInput
+        If a number is not positive, or arrays have different lengths.
+
+    See Also
+    --------
+    RelaxedRibbon.from_geometry, RelaxedRibbon.sadowsky
+
+    Examples
+    --------
+    >>> from lissome.rods.ribbon_laws import RelaxedRibbon
+    >>> law = RelaxedRibbon.sadowsky(0.1, 0.01, poisson_ratio=0.0, smoothing=1e-6)
+    >>> bent, twisted = law.energy([[1.0, 0.0, 0.5], [0.5, 0.0, 1.0]]) / (0.5 * 0.1 * 0.01**3 / 12)
+    >>> print(bent.round(6), twisted.round(6))
+    1.5625 4.0
+    """
+
+    bending: Any
+    twisting: Any
+    crossover: Any
+    smoothing: Any = field(kw_only=True)
+    kernel: ClassVar[Any] = staticmethod(_relaxed)
+
+    def __post_init__(self) -> None:
+        first, second = self.stiffness_pair(self.bending)
+        twisting = varying("twisting", self.twisting, positive)
+        crossover: float | Array = math.inf
+        if not (np.ndim(self.crossover) == 0 and self.crossover == math.inf):
+            crossover = varying("crossover", self.crossover, positive)
+        smoothing = varying("smoothing", self.smoothing, positive)
+        common_count(
+            **{"bending[0]": first, "bending[1]": second},
+            twisting=twisting,
+            crossover=crossover,
+            smoothing=smoothing,
+        )
+        object.__setattr__(self, "bending", (first, second))
+        object.__setattr__(self, "twisting", twisting)
+        object.__setattr__(self, "crossover", crossover)
+        object.__setattr__(self, "smoothing", smoothing)
+        softness = 1.0 / np.square(crossover)
+        columns = table(first, second, twisting, softness, np.square(smoothing))
+        object.__setattr__(self, "parameters", columns)
+
+    @classmethod
+    def from_geometry(
+        cls,
+        width: float,
+        thickness: float,
+        young_modulus: float = 1.0,
+        *,
+        poisson_ratio: float,
+        smoothing: float,
+        form: str = "thesis",
+    ) -> Self:
+        """Return the envelope of Sano and Wada's law of a ribbon from its geometry.
+
+        Parameters
+        ----------
+        width, thickness, young_modulus, poisson_ratio, form
+            As for :meth:`SanoWada.from_geometry`.
+        smoothing : float
+            The curvature delta (1/length).
+
+        Raises
+        ------
+        InvalidInput
+            If an argument is not in its range.
+        """
+        law = SanoWada.from_geometry(
+            width, thickness, young_modulus, poisson_ratio=poisson_ratio, form=form
+        )
+        return cls(law.bending, law.twisting, law.crossover, smoothing=smoothing)
+
+    @classmethod
+    def sadowsky(
+        cls,
+        width: float,
+        thickness: float,
+        young_modulus: float = 1.0,
+        *,
+        poisson_ratio: float,
+        smoothing: float,
+    ) -> Self:
+        r"""Return the envelope of Sadowsky's law: :math:`B_1 = Dw`, :math:`C = 2Dw`, :math:`\xi = \infty`.
+
+        Parameters
+        ----------
+        width, thickness, young_modulus, poisson_ratio
+            As for :meth:`SanoWada.from_geometry`; :math:`D = Y h^3/12(1-\nu^2)`.
+        smoothing : float
+            The curvature delta (1/length).
+
+        Raises
+        ------
+        InvalidInput
+            If an argument is not in its range.
+        """
+        w, h = positive("width", width), positive("thickness", thickness)
+        y, nu = positive("young_modulus", young_modulus), poisson("poisson_ratio", poisson_ratio)
+        easy = y * h**3 * w / (12.0 * (1.0 - nu * nu))
+        return cls((easy, y * h * w**3 / 12.0), 2.0 * easy, math.inf, smoothing=smoothing)
 
 
 # ---------------------------------------------------------------------------------------------
