@@ -57,6 +57,7 @@ _SUBMODULES: tuple[str, ...] = (
     "judges",
     "literature",
     "plates",
+    "ribbons",
     "rods",
     "scoreboard",
     "sensitivities",

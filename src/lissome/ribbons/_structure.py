@@ -1,0 +1,550 @@
+"""Ribbons as structures: a rod, rulings, and the constraints that make the strip developable."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._validate import finite, finite_array, one_of
+from ..equilibrium import Equilibrium
+from ..errors import InvalidInput, LissomeWarning
+from ..factorization import ChainKKT
+from ..rods import Rod, RodState
+from ..rods import _kernel as rod_kernel
+from ..rods._corrector import fast_correction
+from ..structure import EPS, BaseStructure, Corrected, Evaluation
+from . import _kernel
+from ._layout import Layout, derive
+from .laws import RibbonLaw
+
+__all__ = ["Ribbon", "RibbonState"]
+
+Array = NDArray[np.float64]
+
+SCHEMES = ("staggered", "nodal")
+JOINTS = ("matched", "free")
+
+
+@dataclass(frozen=True)
+class RibbonState(RodState):
+    """Configuration of a ribbon: that of its center line, and its rulings.
+
+    Parameters
+    ----------
+    quaternions, origin, stretches, angles, supports
+        As of :class:`~lissome.rods.RodState`; the stretches are ones.
+    rulings : array_like, shape (r,), optional
+        Ruling parameters, on segments and clamps (scheme "staggered") or at hinges ("nodal").
+    folds : array_like, shape (n,), optional
+        Fold variables of the hinges.
+    """
+
+    rulings: Any = None
+    folds: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("rulings", "folds"):
+            value = getattr(self, name)
+            array = finite_array(name, np.zeros(0) if value is None else value, (None,))
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+
+def _state(rod: RodState, rulings: Array, folds: Array) -> RibbonState:
+    """Make a state of parts that are known to be right, and are not used elsewhere."""
+    state = object.__new__(RibbonState)
+    for item in fields(RodState):
+        object.__setattr__(state, item.name, getattr(rod, item.name))
+    for name, value in (("rulings", rulings), ("folds", folds)):
+        value.flags.writeable = False
+        object.__setattr__(state, name, value)
+    return state
+
+
+@dataclass(frozen=True, eq=False)
+class Ribbon(BaseStructure):
+    r"""A discrete inextensible ribbon: a chain of plane faces, folded along rulings at the nodes.
+
+    A rod whose hinges bend about their rulings only, :math:`\kappa_2 = 0` and
+    :math:`\kappa_3 = \eta\kappa_1` (4.35), with the energy
+
+    .. math:: E = \sum_i \ell_i W(\kappa_{i,1}/\ell_i, \eta_i, \eta'_i) - \sum_i F_i\cdot x_i
+
+    of :class:`Wunderlich` or :class:`Sadowsky`. The ruling parameters are unknowns, and so is the fold
+    variable a of each hinge, :math:`\tfrac12 w\eta' = \tanh a`: no step passes the barrier
+    :math:`|w\eta'| < 2`. Ribbons are made by :func:`straight`, :func:`circle` and :func:`band`.
+
+    Parameters
+    ----------
+    law : Wunderlich or Sadowsky
+    rod : Rod
+        Mesh, supports and loads.
+    scheme : {"staggered", "nodal"}
+        "staggered": rulings belong to segments and clamps, and a hinge takes their mean and difference
+        quotient. "nodal" (that of the thesis): rulings belong to hinges, with central differences.
+    half_turns : int
+        Closed ribbons: half turns of the frame about the tangent at the joint.
+    joint : {"matched", "free"}
+        Closed ribbons: whether the rulings are continuous across the joint: up to the sign for an odd
+        number of half turns. "free" leaves the rulings on both sides of the joint apart; its states of
+        least energy have strains that jump there, and are not those of a smooth band.
+    phase : bool
+        Closed, uniform and unloaded ribbons: whether the ruling on the first segment is held normal to
+        the center line, so that the pattern cannot travel along the band.
+    prescribed : tuple of (int, float)
+        Nodes of clamps whose ruling is given; see :meth:`clamped`.
+    initial : RibbonState or RodState, optional
+        Where solvers start.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument has a wrong value.
+    """
+
+    law: RibbonLaw
+    rod: Rod
+    scheme: str = "staggered"
+    half_turns: int = 0
+    joint: str = "matched"
+    phase: bool = True
+    prescribed: tuple[tuple[int, float], ...] = ()
+    initial: Any = None
+
+    def __post_init__(self) -> None:
+        _check_law(self.law)
+        if not isinstance(self.rod, Rod):
+            raise InvalidInput(
+                f"argument `rod` is of type {type(self.rod).__name__}; pass a rods.Rod, or use "
+                "ribbons.straight, ribbons.circle or ribbons.band"
+            )
+        one_of("scheme", self.scheme, SCHEMES)
+        one_of("joint", self.joint, JOINTS)
+        if self.rod.stretching is not None:
+            raise InvalidInput("argument `rod` can stretch; a ribbon is inextensible")
+        if self.rod.measure != "sine":
+            raise InvalidInput(
+                f"argument `rod` has the measure {self.rod.measure!r}; a ribbon needs 'sine'"
+            )
+        turns = self.half_turns
+        if isinstance(turns, bool) or not isinstance(turns, (int, np.integer)):
+            raise InvalidInput(
+                f"argument `half_turns` is {turns!r}; pass a whole number: other bands do not close"
+            )
+        if turns and not self.rod.closed:
+            raise InvalidInput(
+                f"argument `half_turns` is {turns}; only a closed ribbon has them (ribbons.band)"
+            )
+        if self.rod.closed and abs(self.rod.joint - turns * math.pi) > 1e-12 * (1 + abs(turns)):
+            raise InvalidInput(
+                f"argument `rod` is joined at an angle of {self.rod.joint:g}; half_turns={turns} needs "
+                f"{turns * math.pi:g}"
+            )
+        if self.initial is None:
+            object.__setattr__(self, "initial", self.rod.initial)
+
+    def _with(self, **changes: Any) -> Ribbon:
+        new = object.__new__(Ribbon)
+        for item in fields(self):
+            object.__setattr__(new, item.name, changes.get(item.name, getattr(self, item.name)))
+        new.__dict__["shared"] = self.shared
+        return new
+
+    @cached_property
+    def shared(self) -> dict[str, Any]:
+        """What was derived last for this ribbon or one made from it, with what it was derived from."""
+        return {}
+
+    # ---- supports, loads, material ---------------------------------------------------------------
+
+    def clamped(
+        self,
+        where: str | int,
+        position: Any = None,
+        frame: Any = None,
+        kind: str = "half",
+        ruling: float | None = None,
+    ) -> Ribbon:
+        """Return this ribbon with position and frame of a node prescribed.
+
+        Parameters
+        ----------
+        where, position, frame, kind
+            As of :meth:`lissome.rods.Rod.clamped`.
+        ruling : float, optional
+            Ruling parameter at the clamp; 0 is a straight jaw across the strip. Free by default: only
+            the center line and its frame are held.
+        """
+        rod = self.rod.clamped(where, position, frame, kind)
+        node = rod._node(where)
+        kept = [p for p in self.prescribed if p[0] != node]
+        if ruling is not None:
+            if not self.law.has_fold:
+                raise InvalidInput(
+                    f"argument `ruling` is {ruling!r}; the Sadowsky law has no condition on rulings at a "
+                    "clamp: use Wunderlich"
+                )
+            kept.append((node, finite("ruling", ruling)))
+        return self._with(rod=rod, prescribed=tuple(sorted(kept)))
+
+    def pinned(self, where: str | int, position: Any = None) -> Ribbon:
+        """Return this ribbon with the position of a node prescribed; see :meth:`Rod.pinned`."""
+        return self._changed(self.rod.pinned(where, position), where)
+
+    def hinged(
+        self,
+        where: str | int,
+        position: Any = None,
+        frame: Any = None,
+        *,
+        axis: ArrayLike,
+        moment: float = 0.0,
+    ) -> Ribbon:
+        """Return this ribbon with a frame that turns about a fixed axis; see :meth:`Rod.hinged`."""
+        rod = self.rod.hinged(where, position, frame, axis=axis, moment=moment)
+        return self._changed(rod, where)
+
+    def freed(self, where: str | int) -> Ribbon:
+        """Return this ribbon without the support of a node."""
+        return self._changed(self.rod.freed(where), where)
+
+    def _changed(self, rod: Rod, where: str | int) -> Ribbon:
+        node = rod._node(where)
+        return self._with(rod=rod, prescribed=tuple(p for p in self.prescribed if p[0] != node))
+
+    def loaded(self, *args: Any, **kwargs: Any) -> Ribbon:
+        """Return this ribbon under dead loads; arguments as of :meth:`lissome.rods.Rod.loaded`."""
+        return self._with(rod=self.rod.loaded(*args, **kwargs))
+
+    def with_law(self, law: RibbonLaw) -> Ribbon:
+        """Return this ribbon with another law."""
+        _check_law(law)
+        return self._with(law=law)
+
+    def with_width(self, width: float) -> Ribbon:
+        """Return this ribbon with another width, of the same plate."""
+        return self._with(law=self.law.with_width(width))
+
+    def with_initial(self, state: RodState) -> Ribbon:
+        """Return this ribbon with another starting state. Supports stay where they are."""
+        _check_state("state", state, self.lengths.size)
+        return self._with(initial=state)
+
+    # ---- what it shares with its rod ---------------------------------------------------------------
+
+    @property
+    def lengths(self) -> Array:
+        """Rest lengths of the segments, shape (N,)."""
+        return self.rod.lengths
+
+    @property
+    def length(self) -> float:
+        """Length of the center line."""
+        return self.rod.length
+
+    @property
+    def arclength(self) -> Array:
+        """Arc lengths of the nodes, shape (N + 1,)."""
+        return self.rod.arclength
+
+    @property
+    def closed(self) -> bool:
+        """Whether the last node is the first."""
+        return self.rod.closed
+
+    @property
+    def supports(self) -> Any:
+        """Supports, as of the rod."""
+        return self.rod.supports
+
+    @property
+    def measure(self) -> str:
+        """Strain measure of the hinges."""
+        return self.rod.measure
+
+    @property
+    def stretching(self) -> None:
+        """None: a ribbon is inextensible."""
+        return None
+
+    @property
+    def couples(self) -> list[tuple[int, Array, Array]]:
+        """Segments, forces and arms of the couples."""
+        return self.rod.couples
+
+    def _node(self, where: str | int) -> int:
+        return self.rod._node(where)
+
+    def positions(self, state: RodState) -> Array:
+        """Return the positions of the nodes, shape (N + 1, 3)."""
+        return self.rod.positions(state)
+
+    def frames(self, state: RodState) -> Array:
+        """Return the frames of segments and supports, shape (K, 4)."""
+        return self.rod.frames(state)
+
+    def strain_densities(self, state: RodState) -> Array:
+        """Return the strain densities of the hinges, shape (n, 3)."""
+        return self.rod.strain_densities(state)
+
+    @property
+    def sign(self) -> float:
+        """What rulings are multiplied by across the joint: -1 for an odd number of half turns."""
+        return -1.0 if self.half_turns % 2 else 1.0
+
+    @cached_property
+    def pins_phase(self) -> bool:
+        """Whether the phase of a closed ribbon is pinned."""
+        lengths = self.lengths
+        uniform = bool(np.ptp(lengths) <= 1e-12 * lengths[0])
+        return bool(
+            self.phase and self.closed and self.rod.held and uniform and self.joint == "matched"
+        )
+
+    # ---- the derived layout ----------------------------------------------------------------------
+
+    @cached_property
+    def layout(self) -> Layout:
+        """What the kernels need, derived once."""
+        return derive(self)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        assert self.layout.skeleton.chain.unknowns is not None
+        return int(self.layout.skeleton.chain.unknowns.size)
+
+    @property
+    def constraints_count(self) -> int:
+        """Number of constraints: those of the rod, then two or three for each hinge."""
+        assert self.layout.skeleton.chain.constraints is not None
+        return int(self.layout.skeleton.chain.constraints.size)
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """Names of the constraints."""
+        names = ["kappa_2", "kappa_3", "fold"] if self.law.has_fold else ["kappa_2", "kappa_3"]
+        return (
+            *self.rod.constraint_names,
+            *(f"{name} at node {node}" for node in self.layout.nodes for name in names),
+        )
+
+    # ---- the manifold ----------------------------------------------------------------------------
+
+    def start(self) -> RibbonState:
+        """Return the initial state, bent so that it meets its supports."""
+        initial = self.initial
+        if initial is self.rod.initial:
+            return self.adopt(self.rod.start())
+        return self.adopt(initial)
+
+    def adopt(self, state: RodState) -> RibbonState:
+        """Return `state` with prescribed values imposed. The rulings of a rod's state are estimated.
+
+        Raises
+        ------
+        InvalidInput
+            If the state is of another mesh, scheme or kind of joint.
+        """
+        _check_state("start", state, self.lengths.size)
+        skeleton = self.layout.skeleton
+        n = self.layout.nodes.size
+        folds = n if self.law.has_fold else 0
+        rod = self.rod.adopt(state)
+        if not isinstance(state, RibbonState) or not state.rulings.size:
+            return self._estimated(rod)
+        if state.rulings.size != skeleton.rulings or state.folds.size != folds:
+            raise InvalidInput(
+                f"argument `start` has {state.rulings.size} rulings and {state.folds.size} folds; this "
+                f"ribbon has {skeleton.rulings} and {folds}. To go from another law, scheme or kind of "
+                "support, start from `ribbons.bare(state)`: rulings are then estimated"
+            )
+        rulings = state.rulings
+        if np.any(rulings[skeleton.fixed] != skeleton.values):
+            rulings = np.array(rulings)
+            rulings[skeleton.fixed] = skeleton.values
+        return _state(rod, rulings, state.folds)
+
+    def _estimated(self, state: RodState) -> RibbonState:
+        """Return the state with the rulings that its strains tell, as far as they do."""
+        skeleton = self.layout.skeleton
+        strain = self.rod.strain_densities(state)
+        bend, twist = strain[:, 0], strain[:, 2]
+        size = float(np.sqrt(np.mean(bend**2))) or 1.0
+        eta = bend * twist / (bend**2 + (0.1 * size) ** 2)
+        total, weight = np.zeros(skeleton.rulings), np.zeros(skeleton.rulings)
+        for k in range(3):
+            at = skeleton.where[:, k]
+            share = skeleton.mean[:, k]
+            ok = (at >= 0) & (share != 0.0)
+            np.add.at(total, at[ok], share[ok] * eta[ok])
+            np.add.at(weight, at[ok], share[ok] ** 2)
+        rulings = total / np.where(weight > 0.0, weight, 1.0)
+        if skeleton.where.shape[0] and np.any(weight > 0.0):
+            scale = np.where(weight > 0.0, 1.0, 0.0)
+            staggered = bool(np.any(np.abs(skeleton.mean) == 0.5))
+            rulings = rulings * scale * (0.5 if staggered else 1.0)
+        rulings[skeleton.fixed] = skeleton.values
+        folds = np.zeros(0)
+        if self.law.has_fold:
+            _, slope = self._rulings_at_hinges(rulings)
+            folds = np.arctanh(np.clip(0.5 * self.law.width * slope, -0.95, 0.95))
+        return _state(state, rulings, folds)
+
+    def _rulings_at_hinges(self, rulings: Array) -> tuple[Array, Array]:
+        plan = self.layout.rulings
+        n = plan.where.shape[0]
+        eta, slope = np.empty(n), np.empty(n)
+        _kernel.hinge_rulings(np.array(rulings), plan, eta, slope)
+        return eta, slope
+
+    def rulings(self, state: RibbonState) -> tuple[Array, Array]:
+        """Return the ruling parameter and its derivative at the hinges, shapes (n,)."""
+        return self._rulings_at_hinges(state.rulings)
+
+    def retract(self, state: RibbonState, dx: Array) -> RibbonState:
+        """Return the state after the increment `dx`."""
+        skeleton = self.layout.skeleton
+        count = skeleton.rod_size
+        dx = np.asarray(dx, dtype=float)
+        rod = self.rod.retract(state, dx[:count])
+        rulings = np.array(state.rulings)
+        last = count + skeleton.free.size
+        rulings[skeleton.free] += dx[count:last]
+        return _state(rod, rulings, state.folds + dx[last:])
+
+    def difference(self, a: RibbonState, b: RibbonState) -> Array:
+        """Return the increment that leads from `a` to `b`."""
+        skeleton = self.layout.skeleton
+        free = skeleton.free
+        return np.concatenate(
+            [
+                self.rod.difference(a, b),
+                b.rulings[free] - a.rulings[free],
+                b.folds - a.folds,
+            ]
+        )
+
+    def max_step(self, state: RibbonState, dx: Array) -> float:
+        """Return the fraction of `dx` at which no hinge turns past pi."""
+        return self.rod.max_step(state, dx[: self.layout.skeleton.rod_size])
+
+    def metric(self, state: RibbonState) -> Array:
+        """Return lengths as masses: norms approximate integrals over the ribbon."""
+        return self.layout.skeleton.metric
+
+    def typical(self, state: RibbonState) -> float:
+        """Return one: a radian, a ruling at 45 degrees."""
+        return 1.0
+
+    def noise(self, state: RibbonState) -> float:
+        """Return the round-off of differences of unit quaternions."""
+        return 8 * EPS
+
+    def gauge(self, state: RibbonState) -> Array:
+        """Return the rigid motions that nothing opposes, shape (g, n)."""
+        rows = self.rod.gauge(state)
+        if not rows.shape[0]:
+            return np.zeros((0, self.size))
+        return np.pad(rows, ((0, 0), (0, self.size - rows.shape[1])))
+
+    # ---- energy ----------------------------------------------------------------------------------
+
+    def hinge_multipliers(self, multipliers: Array) -> Array:
+        """Return the multipliers of the hinges, shape (n, 3): of kappa_2, kappa_3 and the fold."""
+        n = self.layout.nodes.size
+        inner = np.asarray(multipliers, dtype=float)[self.layout.plan.rows.shape[0] :]
+        if self.law.has_fold:
+            return np.ascontiguousarray(inner.reshape(n, 3))
+        out = np.zeros((n, 3))
+        out[:, :2] = inner.reshape(n, 2)
+        return out
+
+    def evaluate(self, state: RibbonState, multipliers: Array, order: int = 2) -> Evaluation:
+        """Return energy, constraints and derivatives up to `order`."""
+        layout = self.layout
+        skeleton, plan = layout.skeleton, layout.plan
+        n, m = plan.left.size, plan.rows.shape[0]
+        frames = self.rod.frames(state)
+        q, kappa = np.empty((n, 4)), np.empty((n, 3))
+        rod_kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
+        eta, slope = self._rulings_at_hinges(state.rulings)
+        inner = self.hinge_multipliers(multipliers)
+        folds = np.array(state.folds) if self.law.has_fold else np.zeros(n)
+        first, second = order >= 1, order >= 2
+        values, rows = np.empty(n), np.empty((n, 3))
+        stress = np.zeros((n if first else 0, 3))
+        stiffness = np.zeros((n if second else 0, 3, 3))
+        one, two = np.empty((n if first else 0, 2)), np.empty((n if second else 0, 6))
+        _kernel.evaluate_hinges(
+            kappa, plan.span, eta, slope, folds, layout.parameters, layout.ribbon_width, inner, values,
+            rows, stress, stiffness, one, two, order,
+        )  # fmt: skip
+        total = skeleton.length + skeleton.border
+        gradient = np.empty(total if first else 0)
+        band = np.empty((skeleton.length if second else 0, skeleton.width + 1))
+        border = np.empty((skeleton.length if second else 0, skeleton.border))
+        corner = np.empty((skeleton.border, skeleton.border))
+        outer = np.empty(m)
+        energy = rod_kernel.assemble(
+            frames, np.array(state.stretches), np.array(state.angles), q, values, stress,
+            stiffness, plan, np.array(multipliers[:m], dtype=float), gradient, band, border, corner,
+            outer, order,
+        )  # fmt: skip
+        if layout.rod.net_force is not None:
+            energy -= float(layout.rod.net_force @ self.rod._fixed_position(state))
+        constraints = np.concatenate(
+            [outer, (rows if self.law.has_fold else rows[:, :2]).reshape(-1)]
+        )
+        if order == 0:
+            return Evaluation(energy, constraints)
+        _kernel.add_rulings(
+            q, kappa, eta, plan, layout.rulings, layout.ribbon_width, inner, one, two, gradient, band,
+            border, corner, order,
+        )  # fmt: skip
+        gradient = gradient[skeleton.chain.unknowns]
+        if order == 1:
+            return Evaluation(energy, constraints, gradient)
+        kkt = ChainKKT(band, border.T, corner, layout=skeleton.chain)
+        return Evaluation(energy, constraints, gradient, kkt)
+
+    def correct(self, state: RibbonState, multipliers: Array, tolerance: float) -> Corrected | None:
+        """Return a nearby stationary point, by Newton's method with a shift and a short line search."""
+        structure: Any = self
+        return fast_correction(structure, state, multipliers, tolerance)
+
+    def present(self, equilibrium: Equilibrium) -> Any:
+        """Return the equilibrium with strains, rulings, forces and the developed surface."""
+        from ._equilibrium import RibbonEquilibrium
+
+        found = self.rod.diagnose(equilibrium.state)
+        if found:
+            warnings.warn(found, LissomeWarning, stacklevel=5)
+        return equilibrium.as_type(RibbonEquilibrium)
+
+
+def _check_law(law: Any) -> None:
+    if not isinstance(law, RibbonLaw):
+        raise InvalidInput(
+            f"argument `law` is of type {type(law).__name__}; pass ribbons.Wunderlich or "
+            "ribbons.Sadowsky (other laws of ribbons belong to lissome.rods)"
+        )
+
+
+def _check_state(name: str, state: Any, count: int) -> None:
+    if not isinstance(state, RodState):
+        raise InvalidInput(
+            f"argument `{name}` is of type {type(state).__name__}; pass a RibbonState, for example the "
+            "state of an equilibrium"
+        )
+    if state.quaternions.shape[0] != count:
+        raise InvalidInput(
+            f"argument `{name}` has {state.quaternions.shape[0]} segments; the ribbon has {count}"
+        )

@@ -1,0 +1,327 @@
+r"""Energies of inextensible ribbons: Wunderlich's, and Sadowsky's for vanishing width.
+
+A developable strip is bent about its rulings only. With the bending :math:`\kappa_1` of the center
+line, the tangent :math:`\eta` of the angle between a ruling and d1, and the coordinate t along rulings
+(measured across the strip), the curvature is :math:`k = \kappa_1(1+\eta^2)/(1+t\eta')` and the area
+element :math:`(1+t\eta')\,ds\,dt`. The integral over the width w of the energy of a plate,
+:math:`\tfrac12 D k^2`, is
+
+.. math:: W = \tfrac12 D w\,\kappa_1^2 (1+\eta^2)^2\, g(w\eta'),
+   \qquad g(v) = \frac1v \ln\frac{1+v/2}{1-v/2},
+
+per unit length of the center line (4.36). It is finite for :math:`|v| < 2` only: there a ruling meets its
+neighbor on an edge. With :math:`v = 2\tanh a` the factor is :math:`g = a\coth a`, smooth for all a; the
+*fold variable* a is an unknown of the ribbons here, so that no step can pass the barrier.
+
+A plate that is curved at rest, by the tensor with components :math:`k_0` along the strip, :math:`\tau_0`
+(twist) and :math:`c_0` across it, adds terms that integrate exactly: with Poisson's ratio :math:`\nu`
+
+.. math::
+
+    -D w \kappa_1\left[(1-\nu)(k_0 + 2\eta\tau_0 + \eta^2 c_0) + \nu(1+\eta^2)(k_0 + c_0)\right]
+    + \tfrac12 D w\left[(1-\nu)(k_0^2 + 2\tau_0^2 + c_0^2) + \nu(k_0+c_0)^2\right].
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._compile import jit
+from .._validate import finite, finite_array, positive
+from ..errors import InvalidInput
+
+__all__ = ["RibbonLaw", "Sadowsky", "Wunderlich", "width_factor"]
+
+Array = NDArray[np.float64]
+
+#: Coefficients of a coth a = 1 + a^2/3 - a^4/45 + ...: 2 (-1)^(k+1) zeta(2k) / pi^(2k).
+SERIES = tuple(
+    2.0 * (-1.0) ** (k + 1) * sum(j ** (-2.0 * k) for j in range(400, 0, -1)) / math.pi ** (2 * k)
+    if k > 3
+    else (1 / 3, -1 / 45, 2 / 945)[k - 1]
+    for k in range(1, 11)
+)
+#: Below this the series is used.
+SMALL = 0.4
+
+
+@jit(error_model="numpy")
+def cotangent_factor(a):
+    """Return a coth(a) and its first and second derivative."""
+    if abs(a) < SMALL:
+        x = a * a
+        g = 0.0
+        d = 0.0
+        e = 0.0
+        for k in range(10, 0, -1):
+            c = SERIES[k - 1]
+            g = g * x + c
+            d = d * x + 2.0 * k * c
+            e = e * x + 2.0 * k * (2.0 * k - 1.0) * c
+        return 1.0 + x * g, a * d, e
+    b = abs(a)
+    decay = math.exp(-2.0 * b)
+    coth = (1.0 + decay) / (1.0 - decay)
+    csch2 = 4.0 * decay / ((1.0 - decay) * (1.0 - decay))
+    slope = coth - b * csch2
+    return b * coth, (slope if a > 0.0 else -slope), 2.0 * (b * coth - 1.0) * csch2
+
+
+@jit(error_model="numpy")
+def density(parameters, k, eta, a, out):
+    """Write the energy per length and its derivatives by (bending, ruling, fold).
+
+    `out`: W, W_k, W_h, W_a, W_kk, W_kh, W_ka, W_hh, W_ha, W_aa. `parameters`: D w, whether there is a
+    fold variable, three coefficients of the natural curvatures, and the constant.
+    """
+    b = parameters[0]
+    if parameters[1] > 0.0:
+        g, dg, ddg = cotangent_factor(a)
+    else:
+        g, dg, ddg = 1.0, 0.0, 0.0
+    r = 1.0 + eta * eta
+    p = r * r
+    dp = 4.0 * eta * r
+    ddp = 4.0 * r + 8.0 * eta * eta
+    q = parameters[2] + eta * (parameters[3] + eta * parameters[4])
+    dq = parameters[3] + 2.0 * eta * parameters[4]
+    ddq = 2.0 * parameters[4]
+    k2 = k * k
+    out[0] = b * (0.5 * k2 * p * g - k * q + 0.5 * parameters[5])
+    out[1] = b * (k * p * g - q)
+    out[2] = b * (0.5 * k2 * dp * g - k * dq)
+    out[3] = b * 0.5 * k2 * p * dg
+    out[4] = b * p * g
+    out[5] = b * (k * dp * g - dq)
+    out[6] = b * k * p * dg
+    out[7] = b * (0.5 * k2 * ddp * g - k * ddq)
+    out[8] = b * 0.5 * k2 * dp * dg
+    out[9] = b * 0.5 * k2 * p * ddg
+
+
+@jit(error_model="numpy")
+def _factors(v, out):
+    for i in range(v.size):
+        g, _, _ = cotangent_factor(math.atanh(0.5 * v[i]))
+        out[i] = g
+
+
+def width_factor(v: ArrayLike) -> Array:
+    r"""Return Wunderlich's factor :math:`g(v) = \frac1v \ln\frac{1+v/2}{1-v/2}`.
+
+    Parameters
+    ----------
+    v : array_like
+        Width times the derivative of the ruling parameter; between -2 and 2.
+
+    Returns
+    -------
+    ndarray
+        At least 1; 1 at zero, infinite at the ends.
+
+    Raises
+    ------
+    InvalidInput
+        If a value is not between -2 and 2: rulings would cross inside the strip.
+
+    Examples
+    --------
+    >>> from lissome.ribbons import width_factor
+    >>> print(width_factor([0.0, 1.0]).round(6))
+    [1.       1.098612]
+    """
+    values = finite_array("v", v)
+    if np.any(np.abs(values) >= 2.0):
+        worst = float(values.ravel()[int(np.argmax(np.abs(values)))])
+        raise InvalidInput(
+            f"argument `v` holds {worst:g}; it must lie in (-2, 2): beyond, rulings cross inside the "
+            "strip"
+        )
+    flat = np.array(values, dtype=float).reshape(-1)
+    out = np.empty_like(flat)
+    _factors(flat, out)
+    return out.reshape(values.shape)
+
+
+@dataclass(frozen=True)
+class RibbonLaw:
+    """What the laws of inextensible ribbons share; see :class:`Wunderlich`."""
+
+    width: float
+    thickness: float | None = None
+    young_modulus: float | None = None
+    poisson_ratio: float | None = None
+    rigidity: float | None = None
+    natural_curvature: float = 0.0
+    natural_twist: float = 0.0
+    natural_cross_curvature: float = 0.0
+
+    #: Whether the energy depends on the derivative of the ruling parameter.
+    has_fold: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        def put(name: str, value: Any) -> None:
+            object.__setattr__(self, name, value)
+
+        put("width", positive("width", self.width))
+        nu = self.poisson_ratio
+        if nu is not None:
+            nu = finite("poisson_ratio", nu)
+            if not 0.0 <= nu <= 0.5:
+                raise InvalidInput(f"argument `poisson_ratio` is {nu:g}; it must lie in [0, 1/2]")
+            put("poisson_ratio", nu)
+        for name in ("natural_curvature", "natural_twist", "natural_cross_curvature"):
+            put(name, finite(name, getattr(self, name)))
+        plate = (self.thickness, self.young_modulus)
+        if self.rigidity is not None:
+            if any(value is not None for value in plate):
+                raise InvalidInput(
+                    "argument `rigidity` is given together with `thickness` or `young_modulus`; it "
+                    "replaces them"
+                )
+            put("rigidity", positive("rigidity", self.rigidity))
+        else:
+            if any(value is None for value in (*plate, nu)):
+                raise InvalidInput(
+                    "a ribbon needs `rigidity`, or `thickness`, `young_modulus` and `poisson_ratio`"
+                )
+            h = positive("thickness", self.thickness)
+            young = positive("young_modulus", self.young_modulus)
+            assert nu is not None
+            put("thickness", h)
+            put("young_modulus", young)
+            put("rigidity", young * h**3 / (12.0 * (1.0 - nu * nu)))  # below (4.36)
+            if h >= self.width:
+                raise InvalidInput(
+                    f"argument `thickness` is {h:g}, not less than the width {self.width:g}; a ribbon "
+                    "is thin"
+                )
+        if self.naturally_curved and nu is None:
+            raise InvalidInput(
+                "a ribbon that is curved at rest needs `poisson_ratio`: it weighs the curvatures"
+            )
+
+    @property
+    def naturally_curved(self) -> bool:
+        """Whether the ribbon is not flat at rest."""
+        return bool(self.natural_curvature or self.natural_twist or self.natural_cross_curvature)
+
+    @property
+    def parameters(self) -> Array:
+        """What the compiled energy needs."""
+        k0, t0, c0 = self.natural_curvature, self.natural_twist, self.natural_cross_curvature
+        nu = self.poisson_ratio or 0.0
+        assert self.rigidity is not None
+        trace = nu * (k0 + c0)
+        return np.array(
+            [
+                self.rigidity * self.width,
+                1.0 if self.has_fold else 0.0,
+                (1.0 - nu) * k0 + trace,
+                2.0 * (1.0 - nu) * t0,
+                (1.0 - nu) * c0 + trace,
+                (1.0 - nu) * (k0 * k0 + 2.0 * t0 * t0 + c0 * c0) + trace * (k0 + c0),
+            ]
+        )
+
+    def with_width(self, width: float) -> Self:
+        """Return the law of a strip of the same plate with another width."""
+        if self.thickness is not None:
+            return replace(self, width=width, rigidity=None)
+        return replace(self, width=width)
+
+    def energy(self, bending: ArrayLike, ruling: ArrayLike, slope: ArrayLike = 0.0) -> Array:
+        r"""Return the energy per unit length.
+
+        Parameters
+        ----------
+        bending, ruling, slope : array_like
+            :math:`\kappa_1` (1/length), :math:`\eta` and :math:`\eta'` (1/length); broadcast.
+
+        Raises
+        ------
+        InvalidInput
+            If the width times the slope is not between -2 and 2 (Wunderlich).
+        """
+        k, h, s = np.broadcast_arrays(
+            finite_array("bending", bending),
+            finite_array("ruling", ruling),
+            finite_array("slope", slope),
+        )
+        fold = np.zeros(k.shape)
+        if self.has_fold:
+            v = self.width * s
+            width_factor(v)
+            fold = np.arctanh(0.5 * v)
+        out = np.empty(k.size)
+        row, parameters = np.empty(10), self.parameters
+        for i, values in enumerate(zip(k.flat, h.flat, fold.flat, strict=True)):
+            density(parameters, float(values[0]), float(values[1]), float(values[2]), row)
+            out[i] = row[0]
+        return out.reshape(k.shape)
+
+
+@dataclass(frozen=True)
+class Wunderlich(RibbonLaw):
+    r"""Energy of an inextensible strip of finite width.
+
+    .. math:: W = \tfrac12 D w\,\kappa_1^2 (1+\eta^2)^2\, \frac1v\ln\frac{1+v/2}{1-v/2},
+       \qquad v = w\eta'
+
+    (4.36), with :math:`D = Yh^3/12(1-\nu^2)`; natural curvatures add the terms that the module's
+    documentation derives.
+
+    Parameters
+    ----------
+    width : float
+        Full width w of the strip (length).
+    thickness, young_modulus, poisson_ratio : float, optional
+        Of the plate: h (length), Y (force/length^2), and nu in [0, 1/2].
+    rigidity : float, optional
+        D (force times length), in place of thickness and modulus.
+    natural_curvature, natural_twist, natural_cross_curvature : float
+        Curvature tensor at rest (1/length): along the strip (about d1), twist, and across. They need
+        `poisson_ratio`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is missing or out of range.
+
+    Examples
+    --------
+    >>> from lissome import ribbons
+    >>> law = ribbons.Wunderlich(width=0.1, thickness=0.001, young_modulus=1e9, poisson_ratio=0.5)
+    >>> round(law.rigidity, 6)
+    0.111111
+    >>> print(law.energy(2.0, 0.0).round(6))
+    0.022222
+    """
+
+    has_fold: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class Sadowsky(RibbonLaw):
+    r"""Energy of an inextensible strip in the limit of vanishing width.
+
+    .. math:: W = \tfrac12 D w\,\kappa_1^2 (1+\eta^2)^2 = \tfrac12 D w\,(\kappa_1^2+\kappa_3^2)^2/\kappa_1^2
+
+    It does not depend on the derivative of the ruling parameter, which is therefore a variable of each
+    hinge. It is not convex in the strains where :math:`|\kappa_3| > |\kappa_1|`: there solutions may
+    oscillate from hinge to hinge, and the solver tells of instability.
+
+    Parameters
+    ----------
+    width, thickness, young_modulus, poisson_ratio, rigidity
+        As for :class:`Wunderlich`.
+    natural_curvature, natural_twist, natural_cross_curvature
+        As for :class:`Wunderlich`.
+    """
+
+    has_fold: ClassVar[bool] = False

@@ -1,0 +1,92 @@
+"""Gradient, Hessian and constraints of ribbons against differences of the energy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import lissome as ls
+from lissome import ribbons
+
+WUNDERLICH = ribbons.Wunderlich(
+    width=0.1, rigidity=1.3, poisson_ratio=0.3, natural_curvature=1.0, natural_twist=0.5,
+    natural_cross_curvature=-0.7,
+)  # fmt: skip
+SADOWSKY = ribbons.Sadowsky(width=0.1, rigidity=1.0)
+
+
+def _open(law, scheme):
+    flat = ribbons.straight(1.0, 12, law, scheme=scheme).clamped("start")
+    return flat.clamped("end", (0.1, 0, 0.7)).loaded(nodes={5: (1, 2, 3)})
+
+
+STRUCTURES = {
+    "clamped": _open,
+    "inner clamp": lambda law, scheme: _open(law, scheme).clamped(6, (0.02, 0, 0.4)),
+    "free end": lambda law, scheme: _open(law, scheme).freed("end"),
+    "two-node": lambda law, scheme: _open(law, scheme).clamped("start", kind="two-node"),
+    "hinged": lambda law, scheme: _open(law, scheme).hinged(
+        "end", (0.1, 0, 0.7), axis=(1, 2, 0.3), moment=0.2
+    ),
+    "uneven": lambda law, scheme: ribbons.straight(
+        law=law, lengths=np.linspace(0.1, 0.2, 9), scheme=scheme
+    ).clamped("start"),
+    **{
+        f"band {n} {joint}": lambda law, scheme, n=n, joint=joint: ribbons.band(
+            1.0, 12, law, n, scheme=scheme, joint=joint
+        )
+        for n in (0, 1, 2, -3)
+        for joint in ("matched", "free")
+    },
+    "loaded band": lambda law, scheme: ribbons.band(1.0, 12, law, 1, scheme=scheme).loaded(
+        nodes={3: (1, 0, 0), 6: (-1, 0, 0)}
+    ),
+}
+
+
+def _differences(f, h):
+    """First and second derivative at 0, fourth order."""
+    a, b, c, d, e = (f(k * h) for k in (-2, -1, 0, 1, 2))
+    return (a - 8 * b + 8 * d - e) / (12 * h), (-a + 16 * b - 30 * c + 16 * d - e) / (12 * h * h)
+
+
+@pytest.mark.parametrize("law", [WUNDERLICH, SADOWSKY], ids=["wunderlich", "sadowsky"])
+@pytest.mark.parametrize("scheme", ["staggered", "nodal"])
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_derivatives_of_random_states(name, scheme, law):
+    ribbon = STRUCTURES[name](law, scheme)
+    rng = np.random.default_rng(len(name))
+    state = ribbon.retract(ribbon.start(), 0.1 * rng.normal(size=ribbon.size))
+    multipliers = rng.normal(size=ribbon.constraints_count)
+    dx = rng.normal(size=ribbon.size)
+    here = ribbon.evaluate(state, multipliers, 2)
+
+    def lagrangian(t):
+        there = ribbon.evaluate(ribbon.retract(state, t * dx), multipliers, 0)
+        return there.energy + multipliers @ there.constraints
+
+    def constraints(t):
+        return ribbon.evaluate(ribbon.retract(state, t * dx), multipliers, 0).constraints
+
+    bent, moved = here.kkt.apply(dx, np.zeros_like(multipliers))
+    slope, curvature = _differences(lagrangian, 1e-3)
+    scale = np.abs(here.gradient) @ np.abs(dx)
+    assert here.gradient @ dx == pytest.approx(slope, abs=1e-8 * scale)
+    assert dx @ bent == pytest.approx(curvature, rel=1e-6, abs=1e-5 * scale)
+    assert moved == pytest.approx(_differences(constraints, 1e-3)[0], abs=1e-8)
+
+
+def test_the_difference_of_states_is_the_increment():
+    ribbon = _open(WUNDERLICH, "staggered")
+    dx = 0.1 * np.random.default_rng(3).normal(size=ribbon.size)
+    start = ribbon.start()
+    assert ribbon.difference(start, ribbon.retract(start, dx)) == pytest.approx(dx, abs=1e-14)
+
+
+def test_states_are_saved_and_loaded(tmp_path):
+    ribbon = _open(WUNDERLICH, "staggered")
+    dx = 0.1 * np.random.default_rng(3).normal(size=ribbon.size)
+    state = ribbon.retract(ribbon.start(), dx)
+    ls.structure.save_state(tmp_path / "state.npz", state)
+    again = ls.structure.load_state(tmp_path / "state.npz", ribbons.RibbonState)
+    assert np.array_equal(ribbon.difference(state, again), np.zeros(ribbon.size))
