@@ -1,6 +1,7 @@
 # Needs python3 (3.11 or newer, with venv) and make; the rest is installed into $(VENV).
 #
 #   make book         build the book, strictly and offline     -> $(BUILD)/html/index.html
+#   make reproduce    the book, and its figures, scoreboard and report as files -> $(BUILD)/reproduction
 #   make test         the test suite on all cores; more for pytest: ARGS="-x -k clamp", JOBS=1
 #   make lint         ruff and mypy
 #   make bench        benchmarks -> benchmarks/results.json
@@ -25,7 +26,7 @@ export PYTHONUTF8 := 1
 # a space cannot be one.
 RUN := "$(VENV)/bin/python"
 
-.PHONY: all env book test lint bench check-pages lock lock-check clean distclean
+.PHONY: all env book reproduce test lint bench check-pages lock lock-check clean distclean
 all: test book
 
 env:
@@ -33,6 +34,9 @@ env:
 
 book: env
 	$(RUN) tools/build_book.py "$(BUILD)"
+
+reproduce: env
+	$(RUN) tools/reproduce.py "$(BUILD)"
 
 test: env
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \

@@ -6,8 +6,10 @@ import base64
 import hashlib
 import html
 import io
+import os
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -185,11 +187,20 @@ def svg(fig: Figure, alt: str) -> str:
 
 
 def png(fig: Figure, *, dpi: float = 160, background: str = "white") -> bytes:
-    """Return a figure as PNG, for print and for tools that show no SVG."""
+    """Return a figure as PNG, for print and for tools that show no SVG.
+
+    If the environment variable ``LISSOME_FIGURES`` names a folder, the figure is also written there
+    as PDF, under the SHA-256 digest of its PNG: `make reproduce` gathers the figures of the book so.
+    """
     buffer = io.BytesIO()
     with mpl.rc_context(STYLE):
         fig.savefig(buffer, format="png", dpi=dpi, facecolor=background, metadata={"Software": ""})
-    return buffer.getvalue()
+        content = buffer.getvalue()
+        if folder := os.environ.get("LISSOME_FIGURES"):
+            path = Path(folder, hashlib.sha256(content).hexdigest()).with_suffix(".pdf")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            fig.savefig(path, facecolor=background, metadata={"CreationDate": None})
+    return content
 
 
 def webp(content: bytes, quality: int = 80) -> bytes:
