@@ -8,9 +8,9 @@ from scipy.optimize import brentq
 
 import lissome as ls
 from lissome.errors import InvalidInput, NotConverged
-from lissome.plates import meshes
+from lissome.plates import Defect, meshes
 from lissome.plates.fvk import Plate
-from lissome.plates.snap import dome, inversion
+from lissome.plates.snap import critical_curvature, dome, inversion, sheet
 from lissome.references.plate import AxisymmetricDisc, fold
 
 DOME = AxisymmetricDisc(bending=1e-4, poisson=0.5, radius=0.5, strain=(0.01, -0.02))
@@ -63,6 +63,54 @@ def test_all_thicknesses_are_one(snapped):
     thick = inversion(disc(0.03), hoops(-3.0, 6.0), 1.0)
     assert thick.parameter == pytest.approx(snapped.parameter, rel=1e-6)
     assert thick.energy_released / 81 == pytest.approx(snapped.energy_released, rel=1e-6)
+
+
+def test_fast_path_finds_the_fold_of_collocation_and_of_the_branch(snapped):
+    """The disc of DOME: strain difference 0.03 and t = 0.01, diameter 1."""
+    found = critical_curvature(
+        300.0, shape="disc", divisions=2, thickness=0.01 * np.sqrt(12), curvature_tensor="incompressible"
+    )  # fmt: skip
+    # the tensor of `hoops(-1, 2)` is (along, across) = (2, -1) p: along = 2 p/t
+    assert found["inverts"] and found["kind"] == "fold"
+    assert found["curvature"] == pytest.approx(2 * snapped.parameter / 0.01, rel=2e-4)
+    assert found["energy"] == pytest.approx(snapped.energy_released / 1e-8, rel=2e-3)
+    assert found["uncertainty"] < 2e-4 * found["curvature"]
+    assert found["height_before"] > 0 > found["height_after"]
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.1, 0.1)])
+def test_fast_path_agrees_with_the_branch_on_squares(offset):
+    t = 0.01 / np.sqrt(12)
+    found = critical_curvature(200.0, offset=offset, divisions=2)
+    plate = sheet(200.0, offset=offset, divisions=2)
+    unit = Defect(center=offset).field(t, -0.5 * t)
+    slow = inversion(plate, unit, 60.0, initial=dome(plate, center=offset), tolerance=1e-5)
+    assert found["inverts"] and slow.inverts
+    assert found["curvature"] == pytest.approx(slow.parameter, rel=5e-4)
+    assert found["energy"] == pytest.approx(slow.energy_released / t**4, rel=5e-3)
+
+
+def test_master_curves_hold_for_every_thickness():
+    thin, thick = (critical_curvature(250.0, divisions=2, thickness=h) for h in (0.003, 0.03))
+    for name in ("curvature", "energy", "height_before", "height_after"):
+        assert thick[name] == pytest.approx(thin[name], rel=1e-6)
+
+
+def test_sheets_mirrored_and_turned_have_one_critical_curvature():
+    kinds = [(0.15, 0.0), (-0.15, 0.0), (0.0, 0.15)]
+    values = [critical_curvature(250.0, divisions=2, offset=c)["curvature"] for c in kinds]
+    assert values == pytest.approx([values[0]] * 3, rel=1e-6)
+
+
+def test_sheets_without_a_dome_or_a_defect_are_refused():
+    with pytest.raises(InvalidInput, match="flat"):
+        critical_curvature(20.0, divisions=2)
+    with pytest.raises(InvalidInput, match="`offset`"):
+        sheet(200.0, offset=(0.5, 0.0))
+    with pytest.raises(InvalidInput, match="isotropic"):
+        sheet(200.0, tensor="isotropic")
+    with pytest.raises(InvalidInput, match="`shape`"):
+        sheet(200.0, shape="triangle")
 
 
 def square(**changes):

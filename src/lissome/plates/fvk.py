@@ -378,6 +378,15 @@ class Plate(PlateUnknowns):
         """Return the plate's own view of an equilibrium."""
         return equilibrium.as_type(PlateEquilibrium)
 
+    def force_of(self, curvature: Any) -> Array:
+        """Return the force on the free unknowns that a spontaneous curvature adds, shape (size,).
+
+        It is the same in every state, and proportional to the curvature (array_like (2, 2) or callable).
+        """
+        space = self.space
+        natural = tensor_field("curvature", curvature)(space.curvature_points.x)
+        return self._bending.load(space, natural)[0][space.free]
+
     # -- what a state means -----------------------------------------------------------------------
 
     def interpolate(

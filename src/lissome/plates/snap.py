@@ -9,21 +9,26 @@ is inverted it has snapped; if not (the dome has lost only its symmetry) it is f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._corrector import as_balanced
+from .._corrector import as_balanced, as_equilibrium
 from .._descent import descend
-from .._validate import finite, finite_array, integer_at_least, positive
+from .._validate import finite, finite_array, integer_at_least, one_of, positive
 from ..branch import Branch, Event, follow
 from ..equilibrium import Equilibrium, equilibrate
 from ..errors import InvalidInput, LissomeError, NotConverged
+from ._path import NONE, Path
+from .directors import Defect, require_inside
 from .fvk import Plate, PlateState
+from .meshes import disc, rectangle
+from .thermal_strain import transverse_strain
 
-__all__ = ["Inversion", "dome", "inversion"]
+__all__ = ["CriticalCurvature", "Inversion", "critical_curvature", "dome", "inversion", "sheet"]
 
 Array = NDArray[np.float64]
 
@@ -223,3 +228,272 @@ def _tensor(value: Any, x: Array, y: Array) -> Array:
     if callable(value):
         return np.asarray(value(x, y), dtype=float)
     return np.asarray(value, dtype=float).reshape(2, 2, *(1,) * np.ndim(x))
+
+
+@dataclass(frozen=True)
+class CriticalCurvature:
+    """One point of the master curves of a sheet, in the units of :class:`.PlateScales`.
+
+    Attributes
+    ----------
+    inverts : bool
+        Whether the sheet turns over up to the greatest curvature.
+    curvature : float
+        Spontaneous curvature along the director at the inversion, over t/L^2; NaN without one.
+    uncertainty : float
+        Half of the bracket of it.
+    kind : str
+        "fold" or "bifurcation"; "" without an inversion.
+    energy : float
+        Energy released on the way to the stable inverted state, over C t^4/L^2; NaN without an
+        inversion.
+    losses : int
+        Losses of stability, the inversion included; earlier ones broke a symmetry only.
+    first_loss : float
+        Curvature at the first of them; NaN if there is none.
+    height_before, height_after : float
+        Height of the defect over the mean of the corners (of the rim of a disc), over t, at the
+        critical curvature.
+    unknowns, factorizations : int
+        Size of the problem, and how often its matrix was factored on the path (not on the descent).
+    """
+
+    inverts: bool
+    curvature: float
+    uncertainty: float
+    kind: str
+    energy: float
+    losses: int
+    first_loss: float
+    height_before: float
+    height_after: float
+    unknowns: int
+    factorizations: int
+
+
+def sheet(
+    strain: float,
+    *,
+    offset: Any = (0.0, 0.0),
+    shape: str = "square",
+    thickness: float = 0.01,
+    poisson: float = 0.5,
+    tensor: str | float = "incompressible",
+    divisions: int = 3,
+    degree: int = 3,
+    grading: float = 1.5,
+) -> Plate:
+    r"""Return a free sheet with a defect, of side (diameter) 1 and stretching modulus 1.
+
+    Parameters
+    ----------
+    strain : float
+        Spontaneous strain across minus along the director, over :math:`(t/L)^2`: what matters of
+        a strain where edges are free. Positive: domes.
+    offset : array_like, shape (2,)
+        Defect, from the middle, over L.
+    shape : {"square", "disc"}
+    thickness : float
+        h/L of a uniform sheet: :math:`t = h/\sqrt{12}`. In the scaled quantities nothing depends on it.
+    poisson : float
+    tensor : str or float
+        See :func:`.transverse_strain`; to first order.
+    divisions, grading
+        Of the mesh, see :mod:`lissome.plates.meshes`.
+    degree : int
+        See :class:`.Plate`.
+
+    Raises
+    ------
+    InvalidInput
+        If the defect is outside, or the tensor is isotropic, so that no difference is left.
+    """
+    center = finite_array("offset", offset, shape=(2,))
+    one_of("shape", shape, ("square", "disc"))
+    t = positive("thickness", thickness) / math.sqrt(12.0)
+    ratio = _ratio(tensor)
+    if ratio == 1.0:
+        raise InvalidInput(
+            f"argument `tensor` is {tensor!r}: strains alike along and across the director do not "
+            "bend a free sheet"
+        )
+    along = finite("strain", strain) * t**2 / (ratio - 1.0)
+    defect = Defect(center=(float(center[0]), float(center[1])))
+    if max(abs(center)) >= 0.5 or (shape == "disc" and math.hypot(*center) >= 0.5):
+        raise InvalidInput(
+            f"argument `offset` is ({center[0]:g}, {center[1]:g}); the defect must lie on the sheet, "
+            "which reaches to 0.5"
+        )
+    mesh = (
+        rectangle(divisions=divisions, center=center, grading=grading)
+        if shape == "square"
+        else disc(0.5, divisions, center=center, grading=grading)
+    )
+    require_inside(defect, mesh)
+    return Plate(
+        mesh=mesh, bending=t**2, poisson=poisson, strain=defect.field(along, ratio * along),
+        degree=degree,
+    )  # fmt: skip
+
+
+def _ratio(tensor: str | float) -> float:
+    """Return strain across over strain along the director, to first order."""
+    small = 1e-7  # finite deformations are linear there
+    return float(np.round(transverse_strain(small, tensor) / small, 6))
+
+
+def critical_curvature(
+    strain: float,
+    *,
+    offset: Any = (0.0, 0.0),
+    shape: str = "square",
+    thickness: float = 0.01,
+    poisson: float = 0.5,
+    tensor: str | float = "incompressible",
+    curvature_tensor: str | float | None = None,
+    most: float | None = None,
+    tolerance: float = 1e-4,
+    divisions: int = 3,
+    degree: int = 3,
+    grading: float = 1.5,
+) -> dict[str, Any]:
+    r"""Return the critical curvature of a sheet at a given strain, and the energy released.
+
+    The dome of the strain is found, and the spontaneous curvature grows against it until the inertia
+    of the tangent tells that stability is lost; then the sheet descends to a stable state. If it is
+    not inverted there, it is followed further. A function to be called by :func:`lissome.sweep`.
+
+    Parameters
+    ----------
+    strain, offset, shape, thickness, poisson, tensor, divisions, degree, grading
+        See :func:`sheet`.
+    curvature_tensor : str or float, optional
+        Tensor of the spontaneous curvature; by default that of the strain, as the theory of laminates
+        has it where all strain is of one kind.
+    most : float, optional
+        Greatest curvature along the director, over t/L^2, at which to give up; by default 4 times
+        `strain`, which is far beyond what the strain can hold.
+    tolerance : float
+        Bracket of a loss of stability, relative to the curvature.
+
+    Returns
+    -------
+    dict
+        The fields of :class:`CriticalCurvature`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is wrong, or the sheet is flat without curvature.
+    NotConverged
+        If the path or the descent cannot be followed.
+
+    Examples
+    --------
+    >>> from lissome.plates.snap import critical_curvature
+    >>> found = critical_curvature(200.0, divisions=2)
+    >>> found["inverts"], found["kind"], 20 < found["curvature"] < 40
+    (True, 'fold', True)
+    """
+    plate = sheet(
+        strain, offset=offset, shape=shape, thickness=thickness, poisson=poisson, tensor=tensor,
+        divisions=divisions, degree=degree, grading=grading,
+    )  # fmt: skip
+    t = thickness / math.sqrt(12.0)
+    center = np.asarray(offset, dtype=float)
+    defect = Defect(center=(float(center[0]), float(center[1])))
+    unit = defect.field(t, _ratio(tensor if curvature_tensor is None else curvature_tensor) * t)
+    greatest = positive("most", 4.0 * abs(float(strain)) if most is None else most)
+    positive("tolerance", tolerance)
+    start = dome(plate, center=center)
+    found = _followed(plate, unit, greatest, start, tolerance)
+    points = plate.mesh.p[:, : plate.mesh.nvertices]
+    middle = int(np.argmin(np.hypot(*(points - center[:, None]))))
+    far = np.hypot(*points)
+    rim = np.flatnonzero(far > far.max() - 1e-9)
+
+    def height(equilibrium: Equilibrium | None) -> float:
+        if equilibrium is None:
+            return math.nan
+        w = plate.deflection(equilibrium.state)
+        return float(w[middle] - w[rim].mean()) / t
+
+    return asdict(
+        CriticalCurvature(
+            inverts=found.inverts, curvature=found.parameter, uncertainty=found.uncertainty,
+            kind=found.kind, energy=found.energy_released / t**4, losses=len(found.losses),
+            first_loss=found.losses[0].parameter if found.losses else math.nan,
+            height_before=height(found.before), height_after=height(found.after),
+            unknowns=plate.size, factorizations=found.factorizations,
+        )
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """What :func:`_followed` has come to; see :class:`Inversion`."""
+
+    inverts: bool
+    parameter: float
+    uncertainty: float
+    kind: str
+    energy_released: float
+    before: Any
+    after: Any
+    losses: tuple[Any, ...]
+    factorizations: int
+
+
+def _followed(
+    plate: Plate, direction: Any, stop: float, initial: Equilibrium, tolerance: float,
+    sign: int = 1, most_losses: int = 6,
+) -> _Followed:  # fmt: skip
+    first = _shape(plate, initial.state)
+    flat = 1e-6 * plate.slope_scale * plate.space.extent * np.sqrt(plate.space.area)
+    if not float(np.linalg.norm(first)) > flat:
+        raise InvalidInput(
+            "the plate is flat without curvature: its strain does not make it buckle, so that nothing "
+            "can be inverted; raise the strain"
+        )
+
+    def at(p: float) -> Plate:
+        return plate.with_(curvature=lambda x, y: p * _tensor(direction, x, y))
+
+    force = plate.force_of(direction)
+    losses: list[Any] = []
+    here, state, count = 0.0, initial.state, 0
+    while True:
+        path = Path(plate, force, state, here, stop - here)
+        loss = path.to_loss(stop, tolerance)
+        count += path.factorizations
+        if loss is None:
+            break
+        losses.append(loss)
+        beyond = max(tolerance * abs(loss.parameter), 2 * loss.uncertainty)
+        frozen = loss.parameter + float(np.copysign(beyond, stop))
+        below = at(frozen)
+        signs = (1,) if loss.kind == "fold" else (sign, -sign)
+        after = descend(below, loss.before.balanced, loss.modes[:2], signs, NotConverged)
+        if float(first @ _shape(plate, after.state)) < 0:
+            top = below.evaluate(loss.before.balanced.state, NONE, 0).energy
+            edge = at(loss.before.parameter)
+            evaluation = edge.evaluate(loss.before.balanced.state, NONE, 2)
+            before = as_equilibrium(
+                replace(loss.before.balanced, structure=edge, evaluation=evaluation)
+            )
+            return _Followed(
+                True, loss.parameter, loss.uncertainty, loss.kind, top - after.energy, before, after,
+                tuple(losses), count,
+            )  # fmt: skip
+        if len(losses) >= most_losses:
+            raise NotConverged(
+                f"the plate lost its stability {len(losses)} times up to p = {frozen:.6g} without "
+                "being inverted",
+                state=after.state,
+            )
+        if (stop - frozen) * np.sign(stop) <= 0:
+            break
+        here, state = frozen, after.state
+    return _Followed(
+        False, math.nan, math.nan, "", math.nan, None, None, tuple(losses), count
+    )  # fmt: skip
