@@ -3,7 +3,7 @@
 Pages record facts while they run (``lissome.scoreboard``); pages are read in the order of their
 names, so everything that shows a verdict is a placeholder until all of them have run.
 
-* ``{scoreboard}`` is the table of all claims; ``:chapter:`` and ``:page:`` select.
+* ``{scoreboard}`` is the table of all claims; ``:chapter:``, ``:page:`` and ``:verdict:`` select.
 * ``{scoreboard-line}`` is the score in one sentence.
 * The role ``{result}`` shows one recorded number: ``{result}`strip-best-angle-095```, and with
   ``:printed``, ``:independent``, ``:difference``, ``:verdict`` or ``:why`` behind the id another
@@ -77,19 +77,22 @@ class BoardDirective(SphinxDirective):
     option_spec: ClassVar = {
         "chapter": directives.unchanged_required,
         "page": directives.unchanged_required,
+        "verdict": directives.unchanged_required,
     }
 
     def run(self):
         chapter, page = self.options.get("chapter"), self.options.get("page")
+        verdict = self.options.get("verdict")
         claims = scoreboard.claims().values()
         for name, wanted, known in (
             ("chapter", chapter, {claim.chapter for claim in claims}),
             ("page", page, {claim.page for claim in claims}),
+            ("verdict", verdict, {one.value for one in Verdict}),
         ):
             if wanted is not None and wanted not in known:
                 raise self.error(f"no claim has the {name} {wanted!r}; known: {sorted(known)}")
         _remember(self.env)
-        return [Board("", chapter=chapter, page=page)]
+        return [Board("", chapter=chapter, page=page, verdict=verdict)]
 
 
 class LineDirective(SphinxDirective):
@@ -226,7 +229,7 @@ def _write_csv(app, error):
 def _resolve(app, doctree, docname):
     board = app.lissome_board
     for node in list(doctree.findall(Board)):
-        node.replace_self(_tables(app, docname, board, node["chapter"], node["page"]))
+        node.replace_self(_tables(app, docname, board, node))
     for node in list(doctree.findall(Line)):
         node.replace_self(_line(app, docname, board))
     for node in list(doctree.findall(Result)):
@@ -272,14 +275,18 @@ def _line(app, docname, board):
     return paragraph
 
 
-def _tables(app, docname, board, chapter, page):
+def _tables(app, docname, board, wanted):
     rows = [
         row
         for row in board.rows
-        if chapter in (None, row.claim.chapter) and page in (None, row.claim.page)
+        if wanted["chapter"] in (None, row.claim.chapter)
+        and wanted["page"] in (None, row.claim.page)
+        and wanted["verdict"] in (None, row.verdict.value)
     ]
+    if not rows:
+        return [nodes.paragraph("", "There is none.")]
     parts = []
-    whole = chapter is None and page is None
+    whole = wanted["chapter"] is wanted["page"] is wanted["verdict"] is None
     if whole:
         parts.append(_line(app, docname, board))
         parts.append(_download(app, docname))

@@ -56,6 +56,19 @@ FIRST = """# First
 :page: 3-flapping-strip
 ```
 
+Those that differ:
+
+```{scoreboard}
+:verdict: differs
+```
+
+Those that wait for data:
+
+```{scoreboard}
+:verdict: awaits data
+:page: 3-flapping-strip
+```
+
 ```{errata}
 :chapter: 5
 ```
@@ -187,7 +200,12 @@ def test_the_board_links_to_the_claims(book):
 
 def test_a_selection_shows_nothing_else(book):
     text = page(book, "0-first")
-    assert text.count('class="verdict ') == 7
+    first, _, rest = text.partition("Those that differ")
+    differing, _, awaiting = rest.partition("Those that wait for data")
+    assert first.count('class="verdict ') == 7
+    assert differing.count('class="verdict ') == 1
+    assert 'class="verdict verdict-differs"' in differing
+    assert "There is none." in awaiting
 
 
 def test_the_table_for_programs_is_written(book):
@@ -227,10 +245,11 @@ def test_a_missing_record_fails_the_build_and_stale_ones_do_not_hide_it(
 def test_unknown_names_fail_the_build(environment, tmp_path):
     wrong = CHAPTER + (
         "\n{result}`strip-best`\n\n{result}`strip-window:digits`\n\n"
-        "```{scoreboard}\n:chapter: 9\n```\n"
+        "```{scoreboard}\n:chapter: 9\n```\n\n```{scoreboard}\n:verdict: fine\n```\n"
     )
     result = build(tmp_path, environment, chapter=wrong)
     assert result.returncode != 0
     assert "unknown claim 'strip-best'" in result.stderr
     assert "unknown part 'digits'" in result.stderr
     assert "no claim has the chapter '9'" in result.stderr
+    assert "no claim has the verdict 'fine'" in result.stderr
