@@ -192,6 +192,46 @@ BALLOON = {
 }
 FVK = {"stretching_equal": True, "bending_equal": True, "plane_stress": True}
 TRIPLE = {"value": 2.85, "exact": 2.8501, "stable_to": 4.0}
+OFFSET = {
+    "value": 0.9,
+    "strains": [300.0, 3000.0],
+    "offsets": [0.0, 0.1, 0.2, 0.3],
+    "to_edge": [9.0, 8.0, 5.0, 1.0, 20.0, 19.0, 15.0, 9.0],
+    "to_corner": [9.0, 8.1, 5.1, 2.0, 20.0, 19.0, 14.0, 8.0],
+}
+THICKNESS = {
+    "value": 92.2,
+    "strains": [120.0, 300.0, 1000.0],
+    "curvatures": [1.0, 90.0, 700.0],
+    "slopes": [9.0, 3.0, 1.0],
+    "thicknesses": [0.005, 0.01, 0.02, 0.03],
+    "collapse": 1e-8,
+}
+ENERGY = {
+    **{name: fact for name, fact in THICKNESS.items() if name != "curvatures"},
+    "crossing": 600.0,
+}
+RELEASED = {
+    "value": 3e-4,
+    "stack": [1.7e-4, 2.3e-4],
+    "fits": 10,
+    "thicknesses": [0.01, 0.02],
+    "strains": [0.03, 0.06],
+}
+LEGS = {
+    "heights": [5.0, 20.0],
+    "tilts_legs": [27.0, 7.0],
+    "tilts_plain": [6.0, 1.4],
+    "speeds": [0.35, 0.63],
+    "differences": [3.1, 0.9],
+    "side": 7.0,
+    "bound": 130.0,
+}
+HEIGHTS = {
+    "offsets": [0.0, 0.1, 0.2, 0.3],
+    "measured": [20.0, 4.0, 1.5, 0.0],
+    "bounds": [130.0, 110.0, 80.0, 40.0],
+}
 HOLDS, FAILS, OPEN = Verdict.REPRODUCED, Verdict.DIFFERS, Verdict.UNDETERMINED
 AWAITS = Verdict.AWAITS
 CASES = [
@@ -308,6 +348,25 @@ CASES = [
         {"value": 0.19},
         FAILS,
     ),
+    ("offset-critical-curvature", OFFSET, {"to_edge": [9, 8, 5, 1, 20, 19, 15, 16]}, FAILS),
+    ("offset-critical-curvature", OFFSET, {"to_corner": [9, 9, 5, 1, 20, 19, 15, 9]}, FAILS),
+    ("offset-energy", OFFSET, {"to_corner": [9, 9, 5, 1, 20, 19, 15, 9]}, FAILS),
+    ("offset-height-measured", HEIGHTS, {"measured": [20, 25, 1.5, 0]}, FAILS),
+    ("offset-height-measured", HEIGHTS, {"bounds": [130, 110, 80, 90]}, FAILS),
+    ("offset-height-measured", HEIGHTS, {"bounds": [130, 3, 2, 1]}, FAILS),
+    ("thickness-critical-curvature", THICKNESS, {"slopes": [9, 3, 0.4]}, FAILS),
+    ("thickness-critical-curvature", THICKNESS, {"curvatures": [1, 90, 80]}, FAILS),
+    ("thickness-critical-curvature", THICKNESS, {"collapse": 1e-4}, FAILS),
+    ("thickness-energy", ENERGY, {"slopes": [1, 3, 4]}, FAILS),
+    ("thickness-energy", ENERGY, {"slopes": [3, 4, 5]}, FAILS),
+    ("thickness-energy", ENERGY, {"slopes": [3, 1, 3]}, FAILS),
+    ("thickness-energy", ENERGY, {"collapse": 1e-4}, FAILS),
+    ("released-energy", RELEASED, {"stack": [1e-4, 4e-4]}, OPEN),
+    ("released-energy", RELEASED, {"stack": [1e-5, 4e-5]}, FAILS),
+    ("jump-height-size", {"sizes": [1, 4], "heights": [0.1, 0.1]}, {"heights": [0.1, 0.2]}, FAILS),
+    ("directional-leap", LEGS, {"tilts_plain": [28.0, 1.4]}, FAILS),
+    ("directional-leap", LEGS, {"differences": [8.0, 1.0]}, FAILS),
+    ("directional-leap", LEGS, {"bound": 10.0}, FAILS),
 ]
 
 # Claims that also compare with measured points that nobody has published as numbers.
@@ -368,6 +427,22 @@ class TestJudges:
             judged("ring-steady-speed", facts)
         with pytest.raises(InvalidInput, match="three entries"):
             judged("snap-time-exponent", {**EXPONENT, "light": [1, 2, 3, 4, 50]})
+
+    @pytest.mark.parametrize(
+        ("claim", "facts", "message"),
+        [
+            ("offset-energy", {**OFFSET, "strains": [300.0]}, "two or more"),
+            ("offset-energy", {**OFFSET, "offsets": [0.0, 0.1, 0.3, 0.35]}, "steps"),
+            ("offset-energy", {**OFFSET, "to_edge": [3.0, 2.0]}, "2 entries"),
+            ("offset-height-measured", {**HEIGHTS, "bounds": [3.0, 2.0]}, "no multiple"),
+            ("offset-height-measured", {**HEIGHTS, "bounds": [3, 2, 1, 0]}, "positive"),
+            ("thickness-energy", {**ENERGY, "thicknesses": [0.01, 0.02, 0.03]}, "four or more"),
+            ("jump-height-size", {"sizes": [1, 1.5], "heights": [1, 1]}, "no test"),
+        ],
+    )
+    def test_facts_that_do_not_cover_the_claim_are_refused(self, claim, facts, message):
+        with pytest.raises(InvalidInput, match=message):
+            judged(claim, facts)
 
     @pytest.mark.parametrize(
         ("claim", "facts", "uncertainty"),

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..errors import InvalidInput
 from ._core import (
     Check,
     Facts,
     Outcome,
+    all_above,
     all_below,
+    decreasing,
     flag,
     flags,
     holds,
+    increasing,
     judge,
     number,
     numbers,
@@ -98,4 +104,241 @@ def jump_height(claim: Claim, facts: Facts) -> list[Check]:
     ]
 
 
-JUDGES = (laminate_uniform, laminate_sign_change, jump_height)
+@judge(
+    "offset-critical-curvature",
+    value=number("critical curvature at offset 0.1 towards the edge over that of the centered one"),
+    strains=numbers("strain differences over (t/L)^2"),
+    offsets=numbers("offsets of the defect over the side of the sheet"),
+    to_edge=numbers("critical curvatures over t/L^2 towards an edge, strain by strain"),
+    to_corner=numbers("critical curvatures over t/L^2 towards a corner, strain by strain"),
+)
+def offset_critical_curvature(claim: Claim, facts: Facts) -> list[Check]:
+    return _falls_with_offset("the critical curvature", facts)
+
+
+@judge(
+    "offset-energy",
+    value=number("energy released at offset 0.1 towards the edge over that of the centered one"),
+    strains=numbers("strain differences over (t/L)^2"),
+    offsets=numbers("offsets of the defect over the side of the sheet"),
+    to_edge=numbers("released energies over C t^4/L^2 towards an edge, strain by strain"),
+    to_corner=numbers("released energies over C t^4/L^2 towards a corner, strain by strain"),
+)
+def offset_energy(claim: Claim, facts: Facts) -> list[Check]:
+    return _falls_with_offset("the released energy", facts)
+
+
+def _falls_with_offset(name: str, facts: Facts) -> list[Check]:
+    """Decide whether something falls with the offset of the defect, at each of several strains."""
+    strains, offsets = facts["strains"], facts["offsets"]
+    if len(strains) < 2:
+        raise InvalidInput("the fact 'strains' has one entry; the claim is tested at two or more")
+    steps = np.diff(offsets)
+    if offsets[0] != 0 or offsets[-1] < 0.3 or np.any(steps <= 0) or np.any(steps > 0.1 + 1e-9):
+        raise InvalidInput(
+            f"the fact 'offsets' is {offsets.tolist()}; it must go from 0 to 0.3 or more in steps of "
+            "at most 0.1"
+        )
+    checks = []
+    for fact, way in (("to_edge", "an edge"), ("to_corner", "a corner")):
+        if len(facts[fact]) != len(strains) * len(offsets):
+            raise InvalidInput(
+                f"the fact '{fact}' has {len(facts[fact])} entries; {len(strains)} strains times "
+                f"{len(offsets)} offsets are needed"
+            )
+        for strain, row in zip(strains, facts[fact].reshape(len(strains), -1), strict=True):
+            checks.append(decreasing(f"{name} towards {way} at the strain {strain:g}", row))
+    return checks
+
+
+@judge(
+    "offset-height-measured",
+    offsets=numbers("offsets of the defect over the side of the sheet"),
+    measured=numbers("measured heights, mm"),
+    bounds=numbers("energy bounds of the heights, mm, strain by strain"),
+)
+def offset_height_measured(claim: Claim, facts: Facts) -> list[Check]:
+    offsets, measured = facts["offsets"], facts["measured"]
+    same_length(facts, "offsets", "measured")
+    if len(facts["bounds"]) % len(offsets):
+        raise InvalidInput(
+            f"the fact 'bounds' has {len(facts['bounds'])} entries, no multiple of {len(offsets)}"
+        )
+    bounds = facts["bounds"].reshape(-1, len(offsets))
+    if np.any(bounds <= 0):
+        raise InvalidInput(
+            "the fact 'bounds' must be positive: a sheet that snaps sets energy free"
+        )
+    share = measured / bounds
+    checks = [decreasing("the measured height", measured)]
+    checks += [decreasing("the bound", row) for row in bounds]
+    checks.append(
+        holds(
+            bool(np.all(share <= 1)),
+            "the leap is below the energy bound, its share of it "
+            + ", ".join(
+                f"{100 * part.min():.2g} to {100 * part.max():.2g} % at {offset:g}"
+                for offset, part in zip(offsets, share.T, strict=True)
+            ),
+            f"a leap is higher than the energy bound, {share.max():.3g} times",
+        )
+    )
+    return checks
+
+
+@judge(
+    "thickness-critical-curvature",
+    value=number("critical curvature over t/L^2 at the strain difference 300 (t/L)^2"),
+    strains=numbers("strain differences over (t/L)^2"),
+    curvatures=numbers("critical curvatures over t/L^2: F"),
+    slopes=numbers("d ln F/d ln(strain) there"),
+    thicknesses=numbers("thicknesses over the size of which the scaled curves are compared"),
+    collapse=number("largest relative difference of their F at one scaled strain"),
+)
+def thickness_critical_curvature(claim: Claim, facts: Facts) -> list[Check]:
+    same_length(facts, "strains", "curvatures", "slopes")
+    _several_thicknesses(facts)
+    # At a fixed strain kappa_c = (t/L^2) F(strain L^2/t^2) changes as t^(1 - 2 slope).
+    return [
+        all_below("the difference of F between thicknesses", facts["collapse"], 1e-5),
+        increasing("F", facts["curvatures"]),
+        all_above("the log-slope of F", facts["slopes"], 0.5),
+    ]
+
+
+@judge(
+    "thickness-energy",
+    value=number("released energy over C t^4/L^2 at the strain difference 300 (t/L)^2"),
+    strains=numbers("strain differences over (t/L)^2, increasing"),
+    slopes=numbers("d ln G/d ln(strain) there, G the released energy over C t^4/L^2"),
+    thicknesses=numbers("thicknesses over the size of which the scaled curves are compared"),
+    collapse=number("largest relative difference of their G at one scaled strain"),
+    crossing=number("scaled strain at which the slope is 2"),
+)
+def thickness_energy(claim: Claim, facts: Facts) -> list[Check]:
+    same_length(facts, "strains", "slopes")
+    _several_thicknesses(facts)
+    strains, above = facts["strains"], facts["slopes"] > 2
+    changes = int(np.sum(above[1:] != above[:-1]))
+    # At a fixed strain the energy changes as t^(4 - 2 slope).
+    return [
+        all_below("the difference of G between thicknesses", facts["collapse"], 1e-5),
+        holds(
+            changes == 1 and bool(above[0]) and bool(np.all(np.diff(strains) > 0)),
+            f"the log-slope of G falls through 2 once, at the strain {facts['crossing']:.0f} "
+            "(t/L)^2: below it thin sheets release more, above it thick ones",
+            f"the log-slope of G passes 2 {changes} times, from {facts['slopes'][0]:.3g} to "
+            f"{facts['slopes'][-1]:.3g}",
+        ),
+    ]
+
+
+def _several_thicknesses(facts: Facts) -> None:
+    if len(set(facts["thicknesses"].tolist())) < 4:
+        raise InvalidInput(
+            f"the fact 'thicknesses' is {facts['thicknesses'].tolist()}; four or more are compared"
+        )
+
+
+@judge(
+    "released-energy",
+    value=number("energy over C L^2 that the experiment's own stack releases, one stated fit"),
+    stack=numbers("the same for every fit with which the stack snaps"),
+    fits=number("how many fits there are"),
+    thicknesses=numbers("thicknesses over the size"),
+    strains=numbers("strain difference with which each of them releases the printed energy"),
+)
+def released_energy(claim: Claim, facts: Facts) -> list[Check]:
+    same_length(facts, "thicknesses", "strains")
+    printed, found = claim.number, facts["stack"]
+    pairs = holds(
+        bool(np.all(facts["strains"] > 0)),
+        f"{printed:g} belongs to pairs of strain and thickness, from a strain of "
+        f"{facts['strains'].min():.2g} to {facts['strains'].max():.2g} for h/L from "
+        f"{facts['thicknesses'].min():.2g} to {facts['thicknesses'].max():.2g}",
+        "some thicknesses release the printed energy at no strain",
+    )
+    low, high = found.min(), found.max()
+    name = f"the stack snaps in {len(found)} of {facts['fits']:.0f} fits and releases"
+    if np.all(np.abs(found / printed - 1) <= 0.2):
+        own = Check(Outcome.HOLDS, f"{name} {low:.2g} to {high:.2g}")
+    elif low <= printed <= high:
+        own = Check(
+            Outcome.UNDETERMINED,
+            f"{name} {low:.2g} to {high:.2g}: the printed value lies between, and the text does not "
+            "say which fit is meant",
+        )
+    else:
+        own = Check(Outcome.FAILS, f"{name} {low:.2g} to {high:.2g}, never the printed value")
+    return [pairs, own]
+
+
+@judge(
+    "jump-height-size",
+    sizes=numbers("sizes of the sheet"),
+    heights=numbers("energy bounds of the jump height"),
+)
+def jump_height_size(claim: Claim, facts: Facts) -> list[Check]:
+    same_length(facts, "sizes", "heights")
+    if facts["sizes"].max() < 2 * facts["sizes"].min():
+        raise InvalidInput("the fact 'sizes' spans less than a factor of 2; that is no test")
+    ratio = float(facts["heights"].max() / facts["heights"].min())
+    grown = float(facts["sizes"].max() / facts["sizes"].min())
+    return [
+        holds(
+            ratio <= 1.01,
+            f"sheets up to {grown:.3g} times as large leap equally high, to {100 * (ratio - 1):.1g} %",
+            f"sheets up to {grown:.3g} times as large leap {ratio:.3g} times as high or low",
+        )
+    ]
+
+
+@judge(
+    "directional-leap",
+    heights=numbers("heights of the leap taken, mm"),
+    tilts_legs=numbers("launch angles from the vertical with legs, degrees, each height"),
+    tilts_plain=numbers("launch angles without legs, degrees, each height"),
+    speeds=numbers("launch speeds with legs, m/s, each height"),
+    differences=numbers("difference of the legs of a sheet so tilted, mm, each height"),
+    side=number("side of the sheet, mm"),
+    bound=number("energy bound of the height, mm"),
+)
+def directional_leap(claim: Claim, facts: Facts) -> list[Check]:
+    same_length(facts, "heights", "tilts_legs", "tilts_plain", "speeds", "differences")
+    energies = facts["speeds"] ** 2 / (2 * 9.8) * 1e3
+    legs, tilts = facts["differences"], facts["tilts_legs"]
+    return [
+        holds(
+            bool(np.all(tilts > facts["tilts_plain"])),
+            f"with legs the sheet leaves {tilts.min():.2g} to {tilts.max():.2g} degrees from the "
+            f"vertical, without {facts['tilts_plain'].min():.2g} to {facts['tilts_plain'].max():.2g}",
+            "legs do not tilt the launch",
+        ),
+        holds(
+            bool(np.all(legs < facts["side"])),
+            f"a rigid sheet has that tilt if its legs differ by {legs.min():.2g} to "
+            f"{legs.max():.2g} mm",
+            "no legs of a rigid sheet give that tilt",
+        ),
+        holds(
+            bool(np.all(energies < facts["bound"])),
+            f"the launch takes at most {100 * energies.max() / facts['bound']:.2g} % of the energy "
+            "bound",
+            "the launch takes more than the energy bound",
+        ),
+    ]
+
+
+JUDGES = (
+    laminate_uniform,
+    laminate_sign_change,
+    jump_height,
+    offset_critical_curvature,
+    offset_energy,
+    offset_height_measured,
+    thickness_critical_curvature,
+    thickness_energy,
+    released_energy,
+    jump_height_size,
+    directional_leap,
+)
