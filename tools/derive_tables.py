@@ -14,7 +14,7 @@ import numpy as np
 from mpmath import cos, cosh, mp, mpf, nstr, sin, sinh, sqrt
 
 from lissome import literature
-from lissome.references import buckling, folding, lateral_buckling, ribbon_twist, ring
+from lissome.references import buckling, folding, lateral_buckling, moebius, ribbon_twist, ring
 from lissome.references.ribbon_twist import Ribbon
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -167,6 +167,28 @@ def lateral_rows() -> Iterable[list[str]]:
             yield [f"{width:.2f}", f"{rotation:g}", digits(load, 6), digits(length, 5)]
 
 
+HALF_WIDTHS = ("0", "0.1", "0.2", "0.5", "0.8", "1.0", "1.5")  # of the drawn strips, for L = 2 pi
+
+
+def moebius_rows() -> Iterable[list[str]]:
+    """Widths drawn by Starostin and van der Heijden, and some nearer to the limit 1/sqrt(3)."""
+    for text in (*HALF_WIDTHS, "1.6", "1.7", "1.75"):
+        band = moebius.band(float(text) / np.pi)
+        middle, ruling = band.strains(0.5), float(band.ruling(0.5))
+        numbers = [band.energy, band.twist, band.writhe(64), middle[0], middle[2], ruling]
+        yield [text, digits(band.width), *(digits(x, 8) for x in (*numbers, *band.load))]
+
+
+def moebius_strain_rows() -> Iterable[list[str]]:
+    """Denser towards the inflection, where the strains are not smooth."""
+    for text in HALF_WIDTHS:
+        band = moebius.band(float(text) / np.pi)
+        s = 0.5 * (np.arange(201) / 200) ** 2
+        columns = (s, *band.strains(s)[:, [0, 2]].T, band.ruling(s))
+        for row in zip(*columns, strict=True):
+            yield [text, *(digits(x, 8) for x in row)]
+
+
 def main() -> None:
     write("audoly-neukirch-phi", ["v", "phi", "phi_sano_wada", "large_v"], phi_rows())
     write("cantilever-tips", ["load_type", "load", "x", "y"], cantilever_rows())
@@ -200,6 +222,19 @@ def main() -> None:
     )
     write("ribbon-thresholds", ["poisson_ratio", "low", "high"], ribbon_threshold_rows())
     write("lateral-buckling", ["width", "rotation", "load", "overhang"], lateral_rows())
+    write(
+        "moebius-energies",
+        [
+            *("half_width", "width", "energy", "twist", "writhe", "middle_bending"),
+            *("middle_twisting", "middle_ruling", "force_y", "force_z", "moment_y", "moment_z"),
+        ],
+        moebius_rows(),
+    )
+    write(
+        "moebius-strain-curves",
+        ["half_width", "position", "bending", "twisting", "ruling"],
+        moebius_strain_rows(),
+    )
 
 
 if __name__ == "__main__":
