@@ -107,6 +107,12 @@ def ring(deviation):
 
 DISTANCE = {"value": 1e-5, "overcurvatures": [1.0, 2.0, 2.9]}
 SNAP = {"value": 0.5, "continuum": 0.5001, "exponent": 0.51, "before": 1.0, "after": 0.5}
+MOEBIUS = {"value": 0.5 + 1e-8, "inflections": 1, "asymmetry": 1e-10, "eigenvalue": 0.3}
+BANDS = {
+    "half_widths": [0.1, 0.5, 1.5],
+    "energies": [1e-5, -1e-6, 2e-5],
+    "strains": [2e-3, 1e-3, 5e-3],
+}
 NO_SNAP = {"twists": [0.0, 1.0], "eigenvalues": [1.0, 0.1]}
 
 # A case that each judge accepts, and changes of it with the outcome that they must have.
@@ -125,6 +131,22 @@ SIGNS = {
     "strain_monotone": [True, True],
     "strain_apart": [0.1, 0.3],
     "limit_mismatch": 1e-12,
+}
+ORIENTATION = {
+    "ratios": [0.05, 0.3],
+    "inverts_down": [True, True],
+    "inverts_up": [False, False],
+    "runs_down": [True, False],
+    "runs_predicted": [True, False],
+    "runs_up": [False],
+}
+DOME = {"lifts": [0.01, 0.05], "inverts": True, "cone_errors": [0.1, 0.05, 0.02]}
+STACKS = {
+    "ratios": [0.03, 0.05],
+    "base": [100.0, 200.0],
+    "two_stiff": [50.0, 150.0],
+    "thin": [20.0, 20.0],
+    "thick": [90.0, 90.0],
 }
 SPEED = {
     "value": 1e-12,
@@ -331,6 +353,13 @@ CASES = [
     ("ribbon-snap-narrow", SNAP, {"exponent": 1.0}, FAILS),
     ("ribbon-snap-narrow", SNAP, {"after": -0.1}, FAILS),
     ("ribbon-nosnap-wide", NO_SNAP, {"eigenvalues": [1.0, -0.1]}, FAILS),
+    ("moebius-shape", MOEBIUS, {"value": 0.5001}, FAILS),
+    ("moebius-shape", MOEBIUS, {"inflections": 3}, FAILS),
+    ("moebius-shape", MOEBIUS, {"asymmetry": 1e-6}, FAILS),
+    ("moebius-shape", MOEBIUS, {"eigenvalue": -1.0}, FAILS),
+    ("moebius-strains", BANDS, {"energies": [1e-5, 1e-6, 2e-4]}, FAILS),
+    ("moebius-strains", BANDS, {"strains": [2e-3, 1e-2, 2e-2]}, FAILS),
+    ("moebius-strains", BANDS, {"half_widths": [0.1, 0.5, 1.0]}, FAILS),
     ("ribbon-threshold", {"thresholds": [1.2, 1.3]}, {"thresholds": [1.27, 1.3]}, FAILS),
     (
         "laminate-uniform",
@@ -342,6 +371,18 @@ CASES = [
     ("laminate-sign-change", SIGNS, {"changes_down": [0, 2]}, FAILS),
     ("laminate-sign-change", SIGNS, {"strain_monotone": [True, False]}, FAILS),
     ("laminate-sign-change", SIGNS, {"limit_mismatch": 1e-3}, FAILS),
+    ("sheet-snap-orientation", ORIENTATION, {"inverts_down": [True, False]}, OPEN),
+    ("sheet-snap-orientation", ORIENTATION, {"inverts_down": [False, False]}, FAILS),
+    ("sheet-snap-orientation", ORIENTATION, {"inverts_up": [True, False]}, FAILS),
+    ("sheet-snap-orientation", ORIENTATION, {"runs_up": [True]}, FAILS),
+    ("sheet-snap-orientation", ORIENTATION, {"runs_down": [False, False]}, FAILS),
+    ("dome-first-up", DOME, {"lifts": [0.01, -0.05]}, FAILS),
+    ("dome-first-up", DOME, {"inverts": False}, FAILS),
+    ("dome-first-up", DOME, {"cone_errors": [0.3, 0.2, 0.1]}, FAILS),
+    ("laminate-variants", STACKS, {"thick": [90.0, 0.0]}, OPEN),
+    ("laminate-variants", STACKS, {"thick": [0.0, 0.0]}, FAILS),
+    ("laminate-variants", STACKS, {"two_stiff": [150.0, 250.0]}, FAILS),
+    ("laminate-variants", STACKS, {"thin": [20.0, 250.0]}, OPEN),
     (
         "jump-height",
         {"value": 0.199, "modulus": 900.0, "printed_modulus": 1053.0},
@@ -370,7 +411,7 @@ CASES = [
 ]
 
 # Claims that also compare with measured points that nobody has published as numbers.
-AWAITING = {"slinky-distance", "ribbon-snap-narrow", "ribbon-nosnap-wide"}
+AWAITING = {"slinky-distance", "ribbon-snap-narrow", "ribbon-nosnap-wide", "moebius-strains"}
 
 
 def judged(claim, facts, **more):

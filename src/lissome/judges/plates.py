@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -329,7 +329,103 @@ def directional_leap(claim: Claim, facts: Facts) -> list[Check]:
     ]
 
 
+def _in_fits(name: str, true: Any, ratios: Any) -> Check:
+    """Check a statement for every fit of the strain curves, told apart by the ratio of strains."""
+    count = len(true)
+    if true.all():
+        return Check(Outcome.HOLDS, f"{name} in all {count} fits")
+    if not true.any():
+        return Check(Outcome.FAILS, f"{name} in none of {count} fits")
+    return Check(
+        Outcome.UNDETERMINED,
+        f"{name} in {int(true.sum())} of {count} fits: those that do have strains of the stiff film "
+        f"up to {ratios[true].max():.2g} of the soft one's, the others from {ratios[~true].min():.2g}",
+    )
+
+
+@judge(
+    "sheet-snap-orientation",
+    ratios=numbers("strain of the stiff film over that of the soft one on the plate, each fit"),
+    inverts_down=flags("whether the sheet inverts with the high-modulus side down, each fit"),
+    inverts_up=flags("whether it inverts with the high-modulus side up, each fit"),
+    runs_down=flags("whether it inverts in full runs with the high-modulus side down"),
+    runs_predicted=flags("whether the master curve says that it does, for the same runs"),
+    runs_up=flags("whether it inverts in full runs with the high-modulus side up"),
+)
+def sheet_snap_orientation(claim: Claim, facts: Facts) -> list[Check]:
+    same_length(facts, "ratios", "inverts_down", "inverts_up")
+    same_length(facts, "runs_down", "runs_predicted")
+    up = int(facts["inverts_up"].sum())
+    return [
+        _in_fits(
+            "with the high-modulus side down the sheet inverts",
+            facts["inverts_down"],
+            facts["ratios"],
+        ),
+        holds(
+            not up and not facts["runs_up"].any(),
+            "with the high-modulus side up it never does",
+            f"with the high-modulus side up it inverts in {up} fits and "
+            f"{int(facts['runs_up'].sum())} full runs",
+        ),
+        holds(
+            bool((facts["runs_down"] == facts["runs_predicted"]).all()),
+            "full runs do what the master curve says",
+            "a full run does not do what the master curve says",
+        ),
+    ]
+
+
+@judge(
+    "dome-first-up",
+    lifts=numbers("least height of the center over the rim before the inversion, over L"),
+    inverts=flag("whether the sheet inverts later on"),
+    cone_errors=numbers("slope of ever thinner discs over sqrt(2 Delta), minus 1"),
+)
+def dome_first_up(claim: Claim, facts: Facts) -> list[Check]:
+    errors = np.abs(facts["cone_errors"])
+    return [
+        all_above("the center over the lowest part of the rim", facts["lifts"].min(), 0.0, "L"),
+        holds(facts["inverts"], "the sheet inverts later", "the sheet does not invert later"),
+        decreasing("the distance from the slope of a cone", errors),
+        all_below("the last of them", errors[-1:], 0.05),
+    ]
+
+
+@judge(
+    "laminate-variants",
+    ratios=numbers("strain of the stiff film over that of the soft one on the plate, each fit"),
+    base=numbers("bound of the leap of 1 stiff + 2 soft films, 0 without a snap, mm, each fit"),
+    two_stiff=numbers("the same of 2 stiff + 1 soft films"),
+    thin=numbers("the same of 1 stiff + 1 soft films"),
+    thick=numbers("the same of 1 stiff + 3 soft films"),
+)
+def laminate_variants(claim: Claim, facts: Facts) -> list[Check]:
+    names = ("base", "two_stiff", "thin", "thick")
+    same_length(facts, "ratios", *names)
+    all_snap = np.all([facts[name] > 0 for name in names], axis=0)
+    checks = [_in_fits("all four stacks snap, as they did,", all_snap, facts["ratios"])]
+    for name, stack in (("two_stiff", "2 stiff + 1 soft"), ("thin", "1 stiff + 1 soft")):
+        both = (facts["base"] > 0) & (facts[name] > 0)
+        if not both.any():
+            checks.append(
+                Check(Outcome.UNDETERMINED, f"{stack} films snap in no fit in which the sheet does")
+            )
+            continue
+        checks.append(
+            _in_fits(
+                f"the bound of the leap of {stack} films is lower than that of the sheet",
+                facts[name][both] < facts["base"][both],
+                facts["ratios"][both],
+            )
+        )
+    return checks
+
+
 JUDGES = (
+    sheet_snap_orientation,
+    dome_first_up,
+    laminate_variants,
     laminate_uniform,
     laminate_sign_change,
     jump_height,
