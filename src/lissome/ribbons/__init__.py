@@ -10,9 +10,11 @@ from ._equilibrium import RibbonEquilibrium
 from ._structure import Ribbon, RibbonState
 from .laws import RibbonLaw, Sadowsky, Wunderlich, width_factor
 from .shapes import LIMIT, band, circle, straight
+from .surface import DevelopedSurface
 
 __all__ = [
     "LIMIT",
+    "DevelopedSurface",
     "Ribbon",
     "RibbonEquilibrium",
     "RibbonLaw",

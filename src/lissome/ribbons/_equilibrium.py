@@ -1,28 +1,48 @@
-"""Equilibria of ribbons."""
+"""Equilibria of ribbons: strains, rulings, forces, and the developed surface."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._validate import integer_at_least, one_of
+from ..errors import NotConverged
 from ..rods import RodEquilibrium
+from ..rods.results import node_values
 from . import _kernel
+from .surface import DevelopedSurface
 
 if TYPE_CHECKING:
-    pass
+    import pandas as pd
 
-__all__ = ["RibbonEquilibrium"]
+__all__ = ["ROUGH", "RibbonEquilibrium"]
 
 Array = NDArray[np.float64]
+
+#: Jumps of the bending from hinge to hinge, over its largest value, that no smooth state has.
+ROUGH = 0.15
 
 
 @dataclass(frozen=True)
 class RibbonEquilibrium(RodEquilibrium):
-    """An equilibrium of a ribbon."""
+    """An equilibrium of a ribbon. It has all that an equilibrium of a rod has, and its rulings.
+
+    Attributes
+    ----------
+    strains : ndarray, shape (n, 3)
+        Bending kappa_1, kappa_2 (zero) and twist kappa_3 of the hinges (1/length). The last hinge of a
+        closed band is its joint, seen from the end of the band.
+    ruling, ruling_slope : ndarray, shape (n,)
+        Ruling parameter of the hinges and its derivative (1/length).
+    moments : ndarray, shape (n, 3)
+        Moments of the hinges along the directors; the second and third hold up the constraints.
+    """
 
     structure: Any
     state: Any
@@ -56,6 +76,11 @@ class RibbonEquilibrium(RodEquilibrium):
         )  # fmt: skip
         return values, stress
 
+    @property
+    def energy_per_length(self) -> Array:
+        """Bending energy of the hinges per length of the center line, shape (n,)."""
+        return self._law_values[0]
+
     @cached_property
     def forces(self) -> Array:
         """Internal force on each segment, shape (N, 3)."""
@@ -68,3 +93,159 @@ class RibbonEquilibrium(RodEquilibrium):
     def stretching_energy(self) -> float:
         """0: a ribbon is inextensible."""
         return 0.0
+
+    # ---- is it smooth? ---------------------------------------------------------------------------
+
+    @property
+    def bending_jumps(self) -> Array:
+        """How much the bending alternates or jumps between hinges, over its largest value.
+
+        The size of its third differences over 8, shape (n - 3,), or (n,) for a closed ribbon, of which
+        they go on across the joint. Of the third order in the mesh where the bending is smooth.
+        """
+        bending = np.array(self.strains[:, 0])
+        largest = float(np.max(np.abs(bending)))
+        if self.structure.closed:
+            bending = np.concatenate([bending, self.structure.sign * bending[:3]])
+        if not largest or bending.size < 4:
+            return np.zeros(max(bending.size - 3, 0))
+        return np.abs(np.diff(bending, 3)) / (8.0 * largest)
+
+    def check_smooth(self) -> None:
+        """Refuse a state whose bending jumps between neighboring hinges, or at the joint.
+
+        Raises
+        ------
+        NotConverged
+            If `bending_jumps` exceeds 0.15 somewhere; carries the state.
+        """
+        jumps = self.bending_jumps
+        if not jumps.size or float(jumps.max()) <= ROUGH:
+            return
+        ribbon = self.structure
+        n = self.strains.shape[0]
+        segments = ribbon.law.width / float(np.min(ribbon.lengths))
+        worst = (int(np.argmax(jumps)) + 1) % n
+        alternating = int(np.count_nonzero(jumps > ROUGH)) > 12
+        what = (
+            "alternates from hinge to hinge"
+            if alternating
+            else "jumps at the joint"
+            if ribbon.closed and min(worst, n - 1 - worst) <= 2
+            else f"jumps near s = {self.hinge_arclength[worst]:.4g}"
+        )
+        remedy = (
+            "use scheme='staggered'"
+            if ribbon.scheme == "nodal" and alternating
+            else "let the rulings be continuous there (joint='matched')"
+            if ribbon.closed and ribbon.joint == "free"
+            else f"use more segments (there are {segments:.2g} to the width, which should be 4 at least)"
+        )
+        raise NotConverged(
+            f"the state is spurious: its bending {what} by {float(jumps.max()):.2g} of its largest value "
+            f"(a smooth one stays below {ROUGH}), whatever the energy; {remedy}, or approach in smaller "
+            "steps from a state that is smooth",
+            state=self.state,
+        )
+
+    # ---- shape, tables and files -------------------------------------------------------------------
+
+    def _at_nodes(self, values: Array) -> Array:
+        ribbon = self.structure
+        count = ribbon.lengths.size + 1
+        table = node_values(values, self.hinge_nodes, self.hinge_lengths, count)
+        if ribbon.closed:  # the hinge of the joint is seen from the end
+            table[-1] = table[0]
+            flip = np.array([ribbon.sign, ribbon.sign, 1.0]) if table.ndim == 2 else ribbon.sign
+            table[0] = table[0] * flip
+        return table
+
+    @cached_property
+    def ruling_at_nodes(self) -> Array:
+        """Ruling parameters of the nodes, shape (N + 1,); at a free end that of the next node."""
+        table = self._at_nodes(self.ruling)
+        known = np.flatnonzero(np.isfinite(table))
+        return np.asarray(np.interp(np.arange(table.size), known, table[known]))
+
+    def surface(self, across: int = 9) -> DevelopedSurface:
+        """Return the developed surface.
+
+        Parameters
+        ----------
+        across : int
+            Number of points on each ruling, at least 2.
+
+        Returns
+        -------
+        DevelopedSurface
+
+        Examples
+        --------
+        >>> import lissome as ls
+        >>> from lissome import ribbons
+        >>> law = ribbons.Wunderlich(width=0.1, rigidity=1.0)
+        >>> surface = ls.equilibrate(ribbons.circle(1.0, 20, law)).surface(across=3)
+        >>> surface.vertices.shape
+        (21, 3, 3)
+        >>> surface.isometry_error() < 1e-12
+        True
+        """
+        across = integer_at_least("across", across, 2)
+        ribbon = self.structure
+        law = ribbon.law
+        eta = self.ruling_at_nodes
+        count = ribbon.lengths.size
+        face = np.minimum(np.arange(count + 1), count - 1)
+        directors = self.directors[face]
+        along = directors[:, 0] + eta[:, None] * directors[:, 2]
+        t = np.linspace(-0.5 * law.width, 0.5 * law.width, across)
+        vertices = self.positions[:, None, :] + t[None, :, None] * along[:, None, :]
+        flat = np.stack(
+            [self.arclength[:, None] + t * eta[:, None], np.broadcast_to(t, (count + 1, across))],
+            axis=2,
+        )
+        strain = np.nan_to_num(self._at_nodes(self.strains))
+        slope = np.nan_to_num(self._at_nodes(self.ruling_slope))
+        if ribbon.closed and ribbon.joint == "matched":
+            slope[0] = slope[-1] * ribbon.sign
+        stretch = 1.0 + t * slope[:, None]
+        if not law.has_fold:  # of no width: the curvature of the center line
+            stretch = np.ones_like(stretch)
+        curvature = (strain[:, 0] * (1.0 + eta**2))[:, None] / stretch
+        p = law.parameters
+        natural = (p[2] + eta * (p[3] + eta * p[4])) / (1.0 + eta**2)
+        density = 0.5 * law.rigidity * (curvature**2 - 2.0 * curvature * natural[:, None] + p[5])
+        return DevelopedSurface(vertices, flat, eta, density, curvature, ribbon.closed)
+
+    def to_frame(self, of: str = "nodes") -> pd.DataFrame:
+        """Return a table of the nodes, of the hinges or of the segments.
+
+        Parameters
+        ----------
+        of : {"nodes", "hinges", "segments"}
+            As for a rod; nodes and hinges also have the columns ruling, ruling_slope and
+            energy_per_length.
+
+        Returns
+        -------
+        pandas.DataFrame
+        """
+        one_of("of", of, ("nodes", "hinges", "segments"))
+        table = super().to_frame(of)
+        if of == "segments":
+            return table
+        values = {"ruling": self.ruling, "ruling_slope": self.ruling_slope}
+        for name, value in values.items():
+            table[name] = self._at_nodes(value) if of == "nodes" else value
+        energy = self.energy_per_length
+        if of == "nodes":
+            count = self.structure.lengths.size + 1
+            energy = node_values(energy, self.hinge_nodes, self.hinge_lengths, count)
+            if self.structure.closed:
+                energy[-1] = energy[0]
+        table["energy_per_length"] = energy
+        return table
+
+    def to_vtk(self, path: str | os.PathLike[str], across: int = 9) -> Path:
+        """Write the developed surface for ParaView; see :meth:`DevelopedSurface.to_vtk`."""
+        return self.surface(across).to_vtk(path)

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
 from .._validate import finite, finite_array, one_of
 from ..equilibrium import Equilibrium
@@ -18,9 +20,11 @@ from ..factorization import ChainKKT
 from ..rods import Rod, RodState
 from ..rods import _kernel as rod_kernel
 from ..rods._corrector import fast_correction
+from ..rods.quaternions import exponential, multiply
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
 from ._layout import Layout, derive
+from ._starts import carried_over, turned_band
 from .laws import RibbonLaw
 
 __all__ = ["Ribbon", "RibbonState"]
@@ -147,8 +151,21 @@ class Ribbon(BaseStructure):
                 f"argument `rod` is joined at an angle of {self.rod.joint:g}; half_turns={turns} needs "
                 f"{turns * math.pi:g}"
             )
+        self._check_width(self.law)
         if self.initial is None:
             object.__setattr__(self, "initial", self.rod.initial)
+
+    def _check_width(self, law: RibbonLaw) -> None:
+        """Refuse a strip that is too wide for one half turn."""
+        if abs(self.half_turns) != 1 or not law.has_fold:
+            return
+        limit = self.rod.length / math.sqrt(3.0)
+        if law.width >= limit:
+            raise InvalidInput(
+                f"argument `width` is {law.width:g}, {law.width / self.rod.length:.6g} of the length; a "
+                f"band with one half turn must be narrower than 1/sqrt(3) of its length ({limit:.6g}), "
+                "where it folds up to flat triangles"
+            )
 
     def _with(self, **changes: Any) -> Ribbon:
         new = object.__new__(Ribbon)
@@ -226,11 +243,29 @@ class Ribbon(BaseStructure):
     def with_law(self, law: RibbonLaw) -> Ribbon:
         """Return this ribbon with another law."""
         _check_law(law)
+        self._check_width(law)
         return self._with(law=law)
 
     def with_width(self, width: float) -> Ribbon:
         """Return this ribbon with another width, of the same plate."""
-        return self._with(law=self.law.with_width(width))
+        law = self.law.with_width(width)
+        self._check_width(law)
+        return self._with(law=law)
+
+    def turned(self, angle: float) -> Ribbon:
+        """Return this ribbon with its end clamp turned about its tangent from where it is now.
+
+        Parameters
+        ----------
+        angle : float
+            Radians.
+        """
+        end = next((s for s in self.supports if s.node == self.lengths.size), None)
+        if end is None or end.kind != "clamped":
+            raise InvalidInput("the end of this ribbon is not clamped; clamp it, then turn it")
+        frame = multiply(end.frame, exponential([0.0, 0.0, finite("angle", angle)]))
+        rod = self.rod.clamped("end", end.position, frame / np.linalg.norm(frame), end.clamp)
+        return self._with(rod=rod)
 
     def with_initial(self, state: RodState) -> Ribbon:
         """Return this ribbon with another starting state. Supports stay where they are."""
@@ -339,11 +374,16 @@ class Ribbon(BaseStructure):
     # ---- the manifold ----------------------------------------------------------------------------
 
     def start(self) -> RibbonState:
-        """Return the initial state, bent so that it meets its supports."""
-        initial = self.initial
-        if initial is self.rod.initial:
-            return self.adopt(self.rod.start())
-        return self.adopt(initial)
+        """Return the initial state, bent so that it meets its supports.
+
+        A band with half turns starts from the state that :func:`circle` reaches when its end is turned
+        and joined, and the strip is widened; this takes several solves.
+        """
+        if self.initial is not self.rod.initial:
+            return self.adopt(self.initial)
+        if self.closed and self.half_turns:
+            return turned_band(self)
+        return self.adopt(self.rod.start())
 
     def adopt(self, state: RodState) -> RibbonState:
         """Return `state` with prescribed values imposed. The rulings of a rod's state are estimated.
@@ -364,7 +404,7 @@ class Ribbon(BaseStructure):
             raise InvalidInput(
                 f"argument `start` has {state.rulings.size} rulings and {state.folds.size} folds; this "
                 f"ribbon has {skeleton.rulings} and {folds}. To go from another law, scheme or kind of "
-                "support, start from `ribbons.bare(state)`: rulings are then estimated"
+                "support, pass `start=ribbon.adapted(equilibrium)`"
             )
         rulings = state.rulings
         if np.any(rulings[skeleton.fixed] != skeleton.values):
@@ -397,6 +437,44 @@ class Ribbon(BaseStructure):
             _, slope = self._rulings_at_hinges(rulings)
             folds = np.arctanh(np.clip(0.5 * self.law.width * slope, -0.95, 0.95))
         return _state(state, rulings, folds)
+
+    def adapted(self, source: Any) -> RibbonState:
+        """Return the state of an equilibrium of another ribbon, as a start for this one.
+
+        Parameters
+        ----------
+        source : RibbonEquilibrium
+            Of a ribbon with another mesh, scheme, law, or with other supports or joint. Frames and
+            rulings are interpolated.
+        """
+        from ._equilibrium import RibbonEquilibrium
+
+        if not isinstance(source, RibbonEquilibrium):
+            raise InvalidInput(
+                f"argument `source` is of type {type(source).__name__}; pass an equilibrium of a ribbon"
+            )
+        rod, eta, fold = carried_over(self, source)
+        skeleton = self.layout.skeleton
+        # Rulings whose means and differences are nearest to those wanted.
+        rows = np.repeat(np.arange(eta.size), 3)
+        keep = skeleton.where.reshape(-1) >= 0
+        shape = (eta.size, skeleton.rulings)
+        at = (rows[keep], skeleton.where.reshape(-1)[keep])
+        mean = sparse.csr_matrix((skeleton.mean.reshape(-1)[keep], at), shape=shape)
+        slope = sparse.csr_matrix((skeleton.slope.reshape(-1)[keep], at), shape=shape)
+        span = self.layout.plan.span
+        matrix = sparse.vstack([mean, sparse.diags_array(span) @ slope]).tocsr()
+        steps = span * np.tanh(fold) * 2.0 / source.structure.law.width
+        wanted = np.concatenate([eta, steps]) - matrix[:, skeleton.fixed] @ skeleton.values
+        free = skeleton.free
+        normal = (matrix[:, free].T @ matrix[:, free]).tocsc()
+        rulings = np.zeros(skeleton.rulings)
+        rulings[skeleton.fixed] = skeleton.values
+        if free.size:
+            normal = normal + 1e-12 * sparse.eye_array(free.size, format="csc")
+            rulings[free] = spsolve(normal, matrix[:, free].T @ wanted)
+        state = self.rod.adopt(rod)
+        return _state(state, rulings, fold if self.law.has_fold else np.zeros(0))
 
     def _rulings_at_hinges(self, rulings: Array) -> tuple[Array, Array]:
         plan = self.layout.rulings
@@ -521,13 +599,66 @@ class Ribbon(BaseStructure):
         return fast_correction(structure, state, multipliers, tolerance)
 
     def present(self, equilibrium: Equilibrium) -> Any:
-        """Return the equilibrium with strains, rulings, forces and the developed surface."""
-        from ._equilibrium import RibbonEquilibrium
+        """Return the equilibrium with strains, rulings, forces and the developed surface.
 
-        found = self.rod.diagnose(equilibrium.state)
+        Raises
+        ------
+        NotConverged
+            If the bending of a closed band (Wunderlich) jumps between hinges: the state is spurious.
+            The limit of Sadowsky does jump where the bending changes sign.
+
+        Warns
+        -----
+        LissomeWarning
+            If a hinge turns by more than 150 degrees, the bending of an open ribbon jumps between
+            hinges, or a band twisted more than once has passed through itself.
+        """
+        from ._equilibrium import ROUGH, RibbonEquilibrium
+
+        found = self.diagnose(equilibrium.state)
+        result = equilibrium.as_type(RibbonEquilibrium)
+        if self.closed and self.joint == "matched" and self.law.has_fold:
+            result.check_smooth()
+        elif (
+            self.law.has_fold
+            and found is None
+            and np.max(result.bending_jumps, initial=0.0) > ROUGH
+        ):
+            found = (
+                "the bending jumps between neighboring hinges: use more segments, or see "
+                "`check_smooth`"
+            )
+        if found is None and self.closed and abs(self.half_turns) > 1 and result.passages:
+            found = (
+                f"the band with {self.half_turns} half turns has passed through itself "
+                f"{abs(result.passages)} times; self-contact is not modelled"
+            )
         if found:
             warnings.warn(found, LissomeWarning, stacklevel=5)
-        return equilibrium.as_type(RibbonEquilibrium)
+        return result
+
+    def diagnose(self, state: RibbonState) -> str | None:
+        """Return what is wrong with a state of a failed solve, and the remedy, or None."""
+        found = self.rod.diagnose(state)
+        if found:
+            return found
+        bending = np.abs(self.rod.strain_densities(state)[:, 0])
+        flat = bending <= 1e-9 * max(float(bending.max()), 1e-3 / self.length)
+        runs = np.flatnonzero(flat[1:] & flat[:-1])
+        if runs.size:
+            s = self.layout.arclength[runs[0]]
+            return (
+                f"the ribbon is flat near s = {s:.4g}: rulings are undetermined where it does not bend; "
+                "bend it (bring supports nearer, turn a clamp, load it) or give it a natural curvature"
+            )
+        if self.law.has_fold and np.max(np.abs(state.folds), initial=0.0) > 10.0:
+            i = int(np.argmax(np.abs(state.folds)))
+            return (
+                f"rulings all but meet on an edge near s = {self.layout.arclength[i]:.4g} (fold variable "
+                f"{state.folds[i]:.3g}): the strip is nearly flat there; use more segments, a narrower "
+                "strip, or smaller steps"
+            )
+        return None
 
 
 def _check_law(law: Any) -> None:
