@@ -113,6 +113,12 @@ BANDS = {
     "energies": [1e-5, -1e-6, 2e-5],
     "strains": [2e-3, 1e-3, 5e-3],
 }
+MOEBIUS = {"value": 0.5 + 1e-8, "inflections": 1, "asymmetry": 1e-10, "eigenvalue": 0.3}
+BANDS = {
+    "half_widths": [0.1, 0.5, 1.5],
+    "energies": [1e-5, -1e-6, 2e-5],
+    "strains": [2e-3, 1e-3, 5e-3],
+}
 NO_SNAP = {"twists": [0.0, 1.0], "eigenvalues": [1.0, 0.1]}
 
 # A case that each judge accepts, and changes of it with the outcome that they must have.
@@ -353,6 +359,13 @@ CASES = [
     ("ribbon-snap-narrow", SNAP, {"exponent": 1.0}, FAILS),
     ("ribbon-snap-narrow", SNAP, {"after": -0.1}, FAILS),
     ("ribbon-nosnap-wide", NO_SNAP, {"eigenvalues": [1.0, -0.1]}, FAILS),
+    ("moebius-shape", MOEBIUS, {"value": 0.5001}, FAILS),
+    ("moebius-shape", MOEBIUS, {"inflections": 3}, FAILS),
+    ("moebius-shape", MOEBIUS, {"asymmetry": 1e-6}, FAILS),
+    ("moebius-shape", MOEBIUS, {"eigenvalue": -1.0}, FAILS),
+    ("moebius-strains", BANDS, {"energies": [1e-5, 1e-6, 2e-4]}, FAILS),
+    ("moebius-strains", BANDS, {"strains": [2e-3, 1e-2, 2e-2]}, FAILS),
+    ("moebius-strains", BANDS, {"half_widths": [0.1, 0.5, 1.0]}, FAILS),
     ("moebius-shape", MOEBIUS, {"value": 0.5001}, FAILS),
     ("moebius-shape", MOEBIUS, {"inflections": 3}, FAILS),
     ("moebius-shape", MOEBIUS, {"asymmetry": 1e-6}, FAILS),

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from . import beams, derivatives, overview, plates, rods
+from . import beams, derivatives, overview, plates, ribbons, rods
 from ._core import Check, Facts, Judge, Need, Outcome
 
 __all__ = ["JUDGES", "Check", "Facts", "Judge", "Need", "Outcome"]
 
-_MODULES = (overview, beams, rods, plates, derivatives)
+_MODULES = (overview, beams, rods, ribbons, plates, derivatives)
 
 JUDGES = MappingProxyType({judge.id: judge for module in _MODULES for judge in module.JUDGES})
