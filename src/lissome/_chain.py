@@ -12,6 +12,10 @@ acceptable pivot, alone or with a later column. What is left at the end is facto
 complete pivoting. All multipliers in L stay below 1/threshold in size, so that the factorization is
 backward stable for any regular K, whatever its leading blocks.
 
+Most matrices need none of this: `eliminate_plainly` goes as far as columns are good pivots, and only
+from the first that is none does `factorize_chain` take over. So what most first calls do not need is
+not compiled by them.
+
 Storage: ``band[j, k]`` is the entry (j + k, j), k = 0 ... w, padded with zeros at the end;
 ``border[j, r]`` is the entry of border row r in column j. Arrays are C-contiguous float64.
 """
@@ -22,15 +26,21 @@ import math
 
 import numpy as np
 
-from lissome._compile import jit
+from lissome._compile import jit as _jit
+
+jit = _jit(no_cfunc_wrapper=True)
+# Called by compiled code only: less to compile.
+inner = _jit(no_cfunc_wrapper=True, no_cpython_wrapper=True)
 
 #: Kinds of events in the record of an elimination.
 _ONE, _DELAY, _SLOT, _PAIR = 1, 2, 3, 4
 
 
 @jit
-def scale_chain(band, border, corner, nb, passes, scale):
+def scale_chain(band, border, corner, nb, passes, scale, largest):
     """Write factors (powers of two) that make all rows of similar size (Ruiz' iteration).
+
+    ``largest``, like ``scale`` (n + nb,), is overwritten.
 
     Returns
     -------
@@ -38,43 +48,55 @@ def scale_chain(band, border, corner, nb, passes, scale):
         Largest entry of band and border; NaN or infinity if an entry of the matrix is not finite.
     """
     n, width = band.shape
-    w = width - 1
-    scale[:] = 1.0
+    for j in range(n + nb):
+        scale[j] = 1.0
     norm = 0.0
     poison = 0.0  # zero times every entry: NaN unless all are finite
     for r in range(nb):
         for s in range(nb):
             poison += 0.0 * corner[r, s]
-    largest = np.empty(n + nb)
     for p in range(passes):
-        largest[:] = 0.0
+        for j in range(n + nb):
+            largest[j] = 0.0
         for j in range(n):
             sj = scale[j]
-            v = abs(band[j, 0])
-            if p == 0:
-                norm = max(norm, v)
-                poison += 0.0 * v
-            big = v * sj
-            for k in range(1, min(w, n - 1 - j) + 1):
+            big = largest[j]
+            top = n - j
+            if top > width:
+                top = width
+            for k in range(top):
                 v = abs(band[j, k])
                 if p == 0:
-                    norm = max(norm, v)
                     poison += 0.0 * v
-                big = max(big, v * scale[j + k])
-                largest[j + k] = max(largest[j + k], v * sj)
-            for r in range(nb):
-                v = abs(border[j, r])
+                    if v > norm:
+                        norm = v
+                u = v * scale[j + k]
+                if u > big:
+                    big = u
+                if k > 0:
+                    v *= sj
+                    if v > largest[j + k]:
+                        largest[j + k] = v
+            for r in range(n, n + nb):
+                v = abs(border[j, r - n])
                 if p == 0:
-                    norm = max(norm, v)
                     poison += 0.0 * v
-                big = max(big, v * scale[n + r])
-                largest[n + r] = max(largest[n + r], v * sj)
-            largest[j] = max(largest[j], big)
+                    if v > norm:
+                        norm = v
+                u = v * scale[r]
+                if u > big:
+                    big = u
+                v *= sj
+                if v > largest[r]:
+                    largest[r] = v
+            largest[j] = big
         if math.isnan(poison):
             return poison
-        for r in range(nb):
-            for s in range(nb):
-                largest[n + r] = max(largest[n + r], abs(corner[r, s]) * scale[n + s])
+        for r in range(n, n + nb):
+            for s in range(n, n + nb):
+                v = abs(corner[r - n, s - n]) * scale[s]
+                if v > largest[r]:
+                    largest[r] = v
         for j in range(n + nb):
             if largest[j] > 0.0:
                 scale[j] /= math.sqrt(largest[j] * scale[j])
@@ -152,7 +174,7 @@ def magnitude_chain(band, border, corner, nb, x, out):
             out[n + r] += abs(corner[r, s]) * abs(x[n + s])
 
 
-@jit
+@inner
 def _residual(band, border, corner, nb, b, z, left, sizes):
     """Write b - K z and |b| + |K| |z|; return the largest ratio of their entries."""
     n, width = band.shape
@@ -197,7 +219,7 @@ def _residual(band, border, corner, nb, b, z, left, sizes):
     return worst
 
 
-@jit
+@inner
 def _coupling(border, corner, j, s, top, reach):
     """Return the largest entry that a delayed column shares with what is left after column j."""
     big = 0.0
@@ -211,7 +233,7 @@ def _coupling(border, corner, j, s, top, reach):
     return big
 
 
-@jit
+@inner
 def _eliminate(band, border, corner, weight, i, j, s, top, reach, pii, pij, pjj, pair):
     """Eliminate the delayed column i of slot s, alone or with column j; j is the last that is gone.
 
@@ -283,11 +305,96 @@ def _eliminate(band, border, corner, weight, i, j, s, top, reach, pii, pij, pjj,
                 border[j, r] = pij * u + pjj * v
 
 
+@_jit(inline="always")
+def _take(band, border, corner, weight, j, reach, top, threshold, floor):
+    """Eliminate column j if it is a good pivot; return its diagonal entry, its largest, and whether."""
+    a = band[j, 0]
+    size = abs(a)
+    big = 0.0
+    for k in range(1, reach + 1):
+        v = abs(band[j, k])
+        if v > big:
+            big = v
+    for r in range(top):
+        v = abs(border[j, r])
+        if v > big:
+            big = v
+    good = size >= threshold * big and size > floor
+    if good:
+        d = 1.0 / a
+        for k in range(1, reach + 1):
+            factor = band[j, k] * d
+            if factor != 0.0:
+                for q in range(reach - k + 1):
+                    band[j + k, q] -= factor * band[j, k + q]
+                for r in range(top):
+                    border[j + k, r] -= factor * border[j, r]
+        for r in range(top):
+            factor = border[j, r] * d
+            if factor != 0.0:
+                for s in range(r + 1):
+                    corner[r, s] -= factor * border[j, s]
+                weight[r] += abs(factor * border[j, r])
+        for k in range(1, reach + 1):
+            band[j, k] *= d
+        for r in range(top):
+            border[j, r] *= d
+    return a, big, good
+
+
+@jit
+def eliminate_plainly(band, border, corner, nb, threshold, floor, pivots, weight):
+    """Factor in place the columns before the first that makes no good pivot.
+
+    Arguments are those of `factorize_chain`.
+
+    Returns
+    -------
+    columns : int
+        Their number.
+    positive, negative : int
+        Of pivots.
+    smallest, largest : float
+        Extreme sizes of pivots.
+    growth : float
+        Largest pivot or pivot column met.
+    """
+    n, width = band.shape
+    for r in range(nb):
+        weight[r] = abs(corner[r, r])
+    positive = 0
+    smallest = np.inf
+    largest = 0.0
+    growth = 0.0
+    columns = n
+    for j in range(n):
+        reach = n - 1 - j
+        if reach > width - 1:
+            reach = width - 1
+        a, big, good = _take(band, border, corner, weight, j, reach, nb, threshold, floor)
+        size = abs(a)
+        if not good:
+            columns = j
+            break
+        pivots[j, 0] = 1.0 / a
+        if a > 0.0:
+            positive += 1
+        if size < smallest:
+            smallest = size
+        if size > largest:
+            largest = size
+        if size > growth:
+            growth = size
+        if big > growth:
+            growth = big
+    return columns, positive, columns - positive, smallest, largest, growth
+
+
 @jit
 def factorize_chain(
-    band, border, corner, nb, slots, threshold, floor, pivots, events, links, inverse, occupant
+    band, border, corner, nb, slots, threshold, floor, pivots, weight, events, links, occupant, done
 ):
-    """Factor in place; ``border`` is (n, nb + slots), ``corner`` (nb + slots, nb + slots).
+    """Go on where `eliminate_plainly` stopped; ``border`` is (n, nb + slots), ``corner`` square.
 
     Parameters
     ----------
@@ -301,15 +408,17 @@ def factorize_chain(
         Pivots up to this size, relative to the terms that are summed in them, are zero.
     pivots : ndarray (n + nb + slots, 3)
         Overwritten: entries of the inverse pivots.
+    weight : ndarray (nb + slots,)
+        Sizes of what is summed in the diagonal entries of the corner.
     events : ndarray (2 n, 3) of int64
         Overwritten: kind, column, slot.
     links : ndarray (n, 2) of int64
         Overwritten: for each column the last row of the band that was gone when it was eliminated,
         and its partner in a 2 x 2 pivot (or -1).
-    inverse : ndarray (nb + slots, nb + slots)
-        Overwritten by the generalized inverse of the last corner.
     occupant : ndarray (slots,) of int64
         Overwritten: column in each slot at the end, or -1.
+    done : tuple
+        What `eliminate_plainly` returned.
 
     Returns
     -------
@@ -317,8 +426,10 @@ def factorize_chain(
         0, or 1 if the slots did not suffice.
     count : int
         Number of events.
-    positive, negative, zero : int
-        Inertia.
+    top : int
+        Number of border rows and slots that may be in use.
+    positive, negative : int
+        Of pivots so far.
     smallest, largest : float
         Extreme sizes of pivots.
     growth : float
@@ -329,48 +440,20 @@ def factorize_chain(
     occupant[:] = -1
     top = nb  # border rows in use are below this
     used = 0
-    # Sizes of what is summed in the diagonal entries of the corner.
-    weight = np.zeros(nb + slots)
-    for r in range(nb):
-        weight[r] = abs(corner[r, r])
-    count = 0
-    positive = 0
-    negative = 0
-    zero = 0
-    smallest = np.inf
-    largest = 0.0
-    growth = 0.0
-    for j in range(n):
+    count, positive, negative, smallest, largest, growth = done
+    first = count
+    for j in range(first):
+        links[j, 0] = j
+        links[j, 1] = -1
+        events[j, 0] = _ONE
+        events[j, 1] = j
+        events[j, 2] = nb
+    for j in range(first, n):
         reach = min(w, n - 1 - j)
-        a = band[j, 0]
-        big = 0.0
-        for k in range(1, reach + 1):
-            big = max(big, abs(band[j, k]))
-        for r in range(top):
-            big = max(big, abs(border[j, r]))
+        a, big, done = _take(band, border, corner, weight, j, reach, top, threshold, floor)
         growth = max(growth, big, abs(a))
-        done = False
-        if abs(a) >= threshold * big and abs(a) > floor:
-            done = True
-            d = 1.0 / a
-            for k in range(1, reach + 1):
-                factor = band[j, k] * d
-                if factor != 0.0:
-                    for q in range(reach - k + 1):
-                        band[j + k, q] -= factor * band[j, k + q]
-                    for r in range(top):
-                        border[j + k, r] -= factor * border[j, r]
-            for r in range(top):
-                factor = border[j, r] * d
-                if factor != 0.0:
-                    for s in range(r + 1):
-                        corner[r, s] -= factor * border[j, s]
-                    weight[r] += abs(factor * border[j, r])
-            for k in range(1, reach + 1):
-                band[j, k] *= d
-            for r in range(top):
-                border[j, r] *= d
-            pivots[j, 0] = d
+        if done:
+            pivots[j, 0] = 1.0 / a
             links[j, 0] = j
             links[j, 1] = -1
             events[count, 0] = _ONE
@@ -415,7 +498,7 @@ def factorize_chain(
                             best = nb + t
                             break
                     if best < 0:
-                        return 1, count, positive, negative, zero, smallest, largest, growth
+                        return 1, count, top, positive, negative, smallest, largest, growth
                     s = best
                     occupant[s - nb] = j
                     used += 1
@@ -504,7 +587,24 @@ def factorize_chain(
         else:
             while top > nb and occupant[top - 1 - nb] < 0:
                 top -= 1
-    # What is left is small and dense: border rows and columns still delayed.
+    return 0, count, top, positive, negative, smallest, largest, growth
+
+
+@jit
+def invert_corner(corner, nb, top, occupant, weight, floor, inverse):
+    """Write the generalized inverse of what is left: border rows and columns still delayed.
+
+    Returns
+    -------
+    positive, negative, zero : int
+        Its inertia.
+    smallest : float
+        Size of its smallest eigenvalue, relative to the terms that are summed in it.
+    """
+    positive = 0
+    negative = 0
+    zero = 0
+    smallest = np.inf
     size = 0
     rows = np.empty(top, dtype=np.int64)
     for r in range(top):
@@ -539,7 +639,6 @@ def factorize_chain(
                 noise += (vectors[p, r] * turn[p]) ** 2 * weight[rows[p]]
             noise = max(noise, abs(values[size - 1]), abs(values[0]))
             smallest = min(smallest, abs(v) / noise if noise > 0.0 else 0.0)
-            largest = max(largest, 1.0)
             if abs(v) <= floor * noise:
                 zero += 1
                 continue
@@ -552,165 +651,215 @@ def factorize_chain(
                     inverse[rows[p], rows[q]] += (
                         vectors[p, r] * turn[p] * (vectors[q, r] * turn[q] / v)
                     )
-    return 0, count, positive, negative, zero, smallest, largest, growth
+    return positive, negative, zero, smallest
 
 
-@jit
-def solve_chain(band, border, nb, pivots, events, count, links, inverse, z):
-    """Overwrite ``z`` (k, n + nb) by the solutions, with the factors of `factorize_chain`."""
+@inner
+def _solve_plainly(factors, nb, y, x, z):
+    """Overwrite ``z`` (n + nb,) by the solution, with the factors of `eliminate_plainly`."""
+    band, border, pivots, inverse, _, _ = factors
+    n, width = band.shape
+    for r in range(nb):
+        y[r] = z[n + r]
+    for j in range(n):
+        v = z[j]
+        reach = n - 1 - j
+        if reach > width - 1:
+            reach = width - 1
+        for k in range(1, reach + 1):
+            z[j + k] -= band[j, k] * v
+        for r in range(nb):
+            y[r] -= border[j, r] * v
+    for r in range(nb):
+        v = 0.0
+        for s in range(nb):
+            v += inverse[r, s] * y[s]
+        x[r] = v
+        z[n + r] = v
+    for j in range(n - 1, -1, -1):
+        v = z[j] * pivots[j, 0]
+        reach = n - 1 - j
+        if reach > width - 1:
+            reach = width - 1
+        for k in range(1, reach + 1):
+            v -= band[j, k] * z[j + k]
+        for r in range(nb):
+            v -= border[j, r] * x[r]
+        z[j] = v
+
+
+@inner
+def _solve_with_delays(factors, nb, y, x, z):
+    """Overwrite ``z`` (n + nb,) by the solution, with the factors of `factorize_chain`."""
+    band, border, pivots, inverse, events, links = factors
     n, width = band.shape
     w = width - 1
     total = border.shape[1]
-    y = np.empty(total)
-    x = np.empty(total)
-    for c in range(z.shape[0]):
-        for r in range(nb):
-            y[r] = z[c, n + r]
-        for r in range(nb, total):
-            y[r] = 0.0
-        for e in range(count):
-            kind = events[e, 0]
-            j = events[e, 1]
-            s = events[e, 2]
-            if kind == _ONE:
-                v = z[c, j]
-                for k in range(1, min(w, n - 1 - j) + 1):
-                    z[c, j + k] -= band[j, k] * v
-                for r in range(s):
-                    y[r] -= border[j, r] * v
-            elif kind == _DELAY:
-                y[s] = z[c, j]
-            elif kind == _SLOT:
-                v = y[s]
-                z[c, j] = v
-                y[s] = 0.0
-                base = links[j, 0]
-                for k in range(1, min(w, n - 1 - base) + 1):
-                    z[c, base + k] -= band[j, k] * v
-                for r in range(total):
-                    y[r] -= border[j, r] * v
-            else:
-                i = links[j, 1]
-                u = y[s]
-                v = z[c, j]
-                z[c, i] = u
-                y[s] = 0.0
-                for k in range(1, min(w, n - 1 - j) + 1):
-                    z[c, j + k] -= band[i, k] * u + band[j, k] * v
-                for r in range(total):
-                    y[r] -= border[i, r] * u + border[j, r] * v
-        for r in range(total):
-            x[r] = 0.0
-            for s in range(total):
-                x[r] += inverse[r, s] * y[s]
-        for e in range(count - 1, -1, -1):
-            kind = events[e, 0]
-            j = events[e, 1]
-            s = events[e, 2]
-            if kind == _ONE:
-                v = z[c, j] * pivots[j, 0]
-                for k in range(1, min(w, n - 1 - j) + 1):
-                    v -= band[j, k] * z[c, j + k]
-                for r in range(s):
-                    v -= border[j, r] * x[r]
-                z[c, j] = v
-            elif kind == _DELAY:
-                z[c, j] = x[s]
-                x[s] = 0.0
-            elif kind == _SLOT:
-                v = z[c, j] * pivots[j, 0]
-                base = links[j, 0]
-                for k in range(1, min(w, n - 1 - base) + 1):
-                    v -= band[j, k] * z[c, base + k]
-                for r in range(total):
-                    v -= border[j, r] * x[r]
-                z[c, j] = v
-                x[s] = v
-            else:
-                i = links[j, 1]
-                u = pivots[i, 0] * z[c, i] + pivots[i, 1] * z[c, j]
-                v = pivots[i, 1] * z[c, i] + pivots[i, 2] * z[c, j]
-                for k in range(1, min(w, n - 1 - j) + 1):
-                    u -= band[i, k] * z[c, j + k]
-                    v -= band[j, k] * z[c, j + k]
-                for r in range(total):
-                    u -= border[i, r] * x[r]
-                    v -= border[j, r] * x[r]
-                z[c, i] = u
-                z[c, j] = v
-                x[s] = u
-        for r in range(nb):
-            z[c, n + r] = x[r]
+    count = events.shape[0]
+    for r in range(nb):
+        y[r] = z[n + r]
+    for r in range(nb, total):
+        y[r] = 0.0
+    for e in range(count):
+        kind = events[e, 0]
+        j = events[e, 1]
+        s = events[e, 2]
+        if kind == _ONE:
+            v = z[j]
+            for k in range(1, min(w, n - 1 - j) + 1):
+                z[j + k] -= band[j, k] * v
+            for r in range(s):
+                y[r] -= border[j, r] * v
+        elif kind == _DELAY:
+            y[s] = z[j]
+        elif kind == _SLOT:
+            v = y[s]
+            z[j] = v
+            y[s] = 0.0
+            base = links[j, 0]
+            for k in range(1, min(w, n - 1 - base) + 1):
+                z[base + k] -= band[j, k] * v
+            for r in range(total):
+                y[r] -= border[j, r] * v
+        else:
+            i = links[j, 1]
+            u = y[s]
+            v = z[j]
+            z[i] = u
+            y[s] = 0.0
+            for k in range(1, min(w, n - 1 - j) + 1):
+                z[j + k] -= band[i, k] * u + band[j, k] * v
+            for r in range(total):
+                y[r] -= border[i, r] * u + border[j, r] * v
+    for r in range(total):
+        x[r] = 0.0
+        for s in range(total):
+            x[r] += inverse[r, s] * y[s]
+    for e in range(count - 1, -1, -1):
+        kind = events[e, 0]
+        j = events[e, 1]
+        s = events[e, 2]
+        if kind == _ONE:
+            v = z[j] * pivots[j, 0]
+            for k in range(1, min(w, n - 1 - j) + 1):
+                v -= band[j, k] * z[j + k]
+            for r in range(s):
+                v -= border[j, r] * x[r]
+            z[j] = v
+        elif kind == _DELAY:
+            z[j] = x[s]
+            x[s] = 0.0
+        elif kind == _SLOT:
+            v = z[j] * pivots[j, 0]
+            base = links[j, 0]
+            for k in range(1, min(w, n - 1 - base) + 1):
+                v -= band[j, k] * z[base + k]
+            for r in range(total):
+                v -= border[j, r] * x[r]
+            z[j] = v
+            x[s] = v
+        else:
+            i = links[j, 1]
+            u = pivots[i, 0] * z[i] + pivots[i, 1] * z[j]
+            v = pivots[i, 1] * z[i] + pivots[i, 2] * z[j]
+            for k in range(1, min(w, n - 1 - j) + 1):
+                u -= band[i, k] * z[j + k]
+                v -= band[j, k] * z[j + k]
+            for r in range(total):
+                u -= border[i, r] * x[r]
+                v -= border[j, r] * x[r]
+            z[i] = u
+            z[j] = v
+            x[s] = u
+    for r in range(nb):
+        z[n + r] = x[r]
 
 
-@jit
-def solve_refined(matrix, nb, norm, scale, factors, enough, refinements, b, z):
-    """Solve for the rows of ``b`` (k, n + nb), with iterative refinement; write to ``z``.
+def _refined_with(solve):
+    """Return a compiled solution with refinement, by one of the two pairs of substitutions."""
 
-    Parameters
-    ----------
-    matrix : (band, border, corner)
-        The matrix that was factored, before scaling.
-    nb : int
-        Number of border rows.
-    norm : float
-        Largest entry of the matrix.
-    scale : ndarray (n + nb,)
-    factors : tuple
-        Arguments of `solve_chain` up to ``z``.
-    enough : float
-        Refinement ends when the residual of each row is this small against its terms (LAPACK's
-        componentwise backward error).
-    refinements : int
-        Their largest number.
+    @jit
+    def solve_refined(matrix, nb, norm, scale, factors, enough, refinements, b, z, work):
+        """Solve for the rows of ``b`` (k, n + nb), with iterative refinement; write to ``z``.
 
-    Returns
-    -------
-    left : float
-        Largest residual, relative to the largest right-hand side, plus the largest entry of the
-        matrix times that of the solution. Infinite if the solution is not finite.
-    """
-    band, border, corner = matrix
-    work, edge, _, pivots, events, count, links, inverse = factors
-    total = scale.size
-    trial = np.empty((1, total))
-    left = np.empty(total)
-    sizes = np.empty(total)
-    again = np.empty(total)
-    result = 0.0
-    for c in range(b.shape[0]):
-        error = np.inf
-        for j in range(total):
-            z[c, j] = 0.0
-            left[j] = b[c, j]
-        for attempt in range(refinements + 1):  # the first is the solution itself
+        Parameters
+        ----------
+        matrix : (band, border, corner)
+            The matrix that was factored, before scaling.
+        nb : int
+            Number of border rows.
+        norm : float
+            Largest entry of the matrix.
+        scale : ndarray (n + nb,)
+        factors : (band, border, pivots, inverse, events, links)
+            Of the scaled matrix.
+        enough : float
+            Refinement ends when the residual of each row is this small against its terms (LAPACK's
+            componentwise backward error).
+        refinements : int
+            Their largest number.
+        b, z : ndarray (k, n + nb)
+        work : ndarray (6, l)
+            Overwritten; l at least n + nb and as many as there are border rows and slots.
+
+        Returns
+        -------
+        left : float
+            Largest residual, relative to the largest right-hand side, plus the largest entry of the
+            matrix times that of the solution. Infinite if the solution is not finite.
+        """
+        band, border, corner = matrix
+        total = scale.size
+        trial = work[0]
+        left = work[1]
+        sizes = work[2]
+        again = work[3]
+        result = 0.0
+        for c in range(b.shape[0]):
+            rhs = b[c]
+            found = z[c]
+            error = np.inf
             for j in range(total):
-                trial[0, j] = scale[j] * left[j]
-            solve_chain(work, edge, nb, pivots, events, count, links, inverse, trial)
+                found[j] = 0.0
+                left[j] = rhs[j]
+            for attempt in range(refinements + 1):  # the first is the solution itself
+                for j in range(total):
+                    trial[j] = scale[j] * left[j]
+                solve(factors, nb, work[4], work[5], trial)
+                for j in range(total):
+                    trial[j] = found[j] + scale[j] * trial[j]
+                new = _residual(band, border, corner, nb, rhs, trial, again, sizes)
+                if attempt > 0 and not new < error:
+                    break
+                slow = new > 0.5 * error
+                error = new
+                for j in range(total):
+                    found[j] = trial[j]
+                    left[j] = again[j]
+                if slow or error <= enough:
+                    break
+            most = 0.0
+            bound = 0.0
+            largest = 0.0
             for j in range(total):
-                trial[0, j] = z[c, j] + scale[j] * trial[0, j]
-            new = _residual(band, border, corner, nb, b[c], trial[0], again, sizes)
-            if attempt > 0 and not new < error:
-                break
-            slow = new > 0.5 * error
-            error = new
-            for j in range(total):
-                z[c, j] = trial[0, j]
-                left[j] = again[j]
-            if slow or error <= enough:
-                break
-        most = 0.0
-        bound = 0.0
-        largest = 0.0
-        for j in range(total):
-            if not abs(z[c, j]) < np.inf:
-                return np.inf
-            most = max(most, abs(left[j]))
-            bound = max(bound, abs(b[c, j]))
-            largest = max(largest, abs(z[c, j]))
-        if most > 0.0:
-            result = max(result, most / (bound + norm * largest))
-    return result
+                v = abs(found[j])
+                if not v < np.inf:
+                    return np.inf
+                largest = v if v > largest else largest
+                v = abs(left[j])
+                most = v if v > most else most
+                v = abs(rhs[j])
+                bound = v if v > bound else bound
+            if most > 0.0:
+                v = most / (bound + norm * largest)
+                result = v if v > result else result
+        return result
+
+    return solve_refined
+
+
+solve_plainly = _refined_with(_solve_plainly)
+solve_with_delays = _refined_with(_solve_with_delays)
 
 
 @jit

@@ -466,6 +466,9 @@ def _plain_layout(length: int, border: int) -> ChainLayout:
     return ChainLayout(length, border=border)
 
 
+_NOTHING = np.empty((0, 3), dtype=np.int64)
+
+
 class _ChainFactorization(Factorization):
     def __init__(
         self, band: Array, border: Array, corner: Array, layout: ChainLayout, counts: Any
@@ -478,26 +481,34 @@ class _ChainFactorization(Factorization):
         length, nb = border.shape
         self._nb = nb
         self._scale = np.empty(length + nb)
-        self._norm = _chain.scale_chain(band, border, corner, nb, 2, self._scale)
+        sizes = np.empty(length + nb)
+        self._norm = _chain.scale_chain(band, border, corner, nb, 2, self._scale, sizes)
         if not math.isfinite(self._norm):
             raise FactorizationError("the KKT matrix holds NaN or infinity")
-        status, slots, threshold = 1, 8, 0.05
+        slots, threshold = 8, 0.05
         while True:
             work = np.empty_like(band)
             edge = np.empty((length, nb + slots))
             small = np.empty((nb + slots, nb + slots))
             _chain.scaled_copy(band, border, corner, nb, self._scale, work, edge, small)
             pivots = np.empty((length, 3))
-            events = np.empty((2 * length, 3), dtype=np.int64)
-            links = np.empty((length, 2), dtype=np.int64)
-            inverse = np.empty((nb + slots, nb + slots))
-            occupant = np.empty(slots, dtype=np.int64)
-            status, count, positive, negative, zero, smallest, largest, growth = (
-                _chain.factorize_chain(
-                    work, edge, small, nb, slots, threshold, 64 * EPS, pivots, events, links,
-                    inverse, occupant,
-                )
-            )  # fmt: skip
+            weight = np.zeros(nb + slots)
+            done = _chain.eliminate_plainly(
+                work, edge, small, nb, threshold, 64 * EPS, pivots, weight
+            )
+            columns, positive, negative, smallest, largest, growth = done
+            status, count, top = 0, 0, nb
+            occupant = np.full(slots, -1, dtype=np.int64)
+            events = links = _NOTHING
+            if columns < length:
+                events = np.empty((2 * length, 3), dtype=np.int64)
+                links = np.empty((length, 2), dtype=np.int64)
+                status, count, top, positive, negative, smallest, largest, growth = (
+                    _chain.factorize_chain(
+                        work, edge, small, nb, slots, threshold, 64 * EPS, pivots, weight, events,
+                        links, occupant, done,
+                    )
+                )  # fmt: skip
             if status == 1:  # many columns wait for a good pivot: give them room
                 slots = min(4 * slots, length + 1)
             elif growth > 1e8 and threshold < 0.5:
@@ -509,7 +520,16 @@ class _ChainFactorization(Factorization):
                 f"the factors of the chain grow by {growth:.2g}; the result would be inaccurate: "
                 "scale the unknowns and constraints"
             )
-        self._factors = (work, edge, nb, pivots, events, count, links, inverse)
+        zero = 0
+        inverse = np.zeros((nb + slots, nb + slots))
+        if top:
+            more, fewer, zero, least = _chain.invert_corner(
+                small, nb, top, occupant, weight, 64 * EPS, inverse
+            )
+            positive, negative = positive + more, negative + fewer
+            smallest, largest = min(smallest, least), max(largest, 1.0)
+        self._delays = columns < length
+        self._factors = (work, edge, pivots, inverse, events[:count], links)
         self.inertia = (positive, negative, zero)
         self.relative_smallest_pivot = smallest / largest if largest > 0 else 0.0
 
@@ -528,9 +548,11 @@ class _ChainFactorization(Factorization):
         b[:, first] = rhs_x.T
         if rhs_c is not None:
             b[:, second] = rhs_c.T
-        left = _chain.solve_refined(
+        solve = _chain.solve_with_delays if self._delays else _chain.solve_plainly
+        work = np.empty((6, max(b.shape[1], self._factors[1].shape[1])))
+        left = solve(
             self._original, self._nb, self._norm, self._scale, self._factors, ENOUGH, refinements,
-            b, z,
+            b, z, work,
         )  # fmt: skip
         return z[:, first].T, z[:, second].T, left
 
