@@ -113,12 +113,6 @@ BANDS = {
     "energies": [1e-5, -1e-6, 2e-5],
     "strains": [2e-3, 1e-3, 5e-3],
 }
-MOEBIUS = {"value": 0.5 + 1e-8, "inflections": 1, "asymmetry": 1e-10, "eigenvalue": 0.3}
-BANDS = {
-    "half_widths": [0.1, 0.5, 1.5],
-    "energies": [1e-5, -1e-6, 2e-5],
-    "strains": [2e-3, 1e-3, 5e-3],
-}
 NO_SNAP = {"twists": [0.0, 1.0], "eigenvalues": [1.0, 0.1]}
 
 # A case that each judge accepts, and changes of it with the outcome that they must have.
@@ -146,7 +140,7 @@ ORIENTATION = {
     "runs_predicted": [True, False],
     "runs_up": [False],
 }
-DOME = {"lifts": [0.01, 0.05], "inverts": True, "cone_errors": [0.1, 0.05, 0.02]}
+DOME = {"lifts": [0.01, 0.05], "inverts": True, "cone_errors": [0.1, 0.05], "cone_limit": 0.003}
 STACKS = {
     "ratios": [0.03, 0.05],
     "base": [100.0, 200.0],
@@ -366,13 +360,6 @@ CASES = [
     ("moebius-strains", BANDS, {"energies": [1e-5, 1e-6, 2e-4]}, FAILS),
     ("moebius-strains", BANDS, {"strains": [2e-3, 1e-2, 2e-2]}, FAILS),
     ("moebius-strains", BANDS, {"half_widths": [0.1, 0.5, 1.0]}, FAILS),
-    ("moebius-shape", MOEBIUS, {"value": 0.5001}, FAILS),
-    ("moebius-shape", MOEBIUS, {"inflections": 3}, FAILS),
-    ("moebius-shape", MOEBIUS, {"asymmetry": 1e-6}, FAILS),
-    ("moebius-shape", MOEBIUS, {"eigenvalue": -1.0}, FAILS),
-    ("moebius-strains", BANDS, {"energies": [1e-5, 1e-6, 2e-4]}, FAILS),
-    ("moebius-strains", BANDS, {"strains": [2e-3, 1e-2, 2e-2]}, FAILS),
-    ("moebius-strains", BANDS, {"half_widths": [0.1, 0.5, 1.0]}, FAILS),
     ("ribbon-threshold", {"thresholds": [1.2, 1.3]}, {"thresholds": [1.27, 1.3]}, FAILS),
     (
         "laminate-uniform",
@@ -391,7 +378,8 @@ CASES = [
     ("sheet-snap-orientation", ORIENTATION, {"runs_down": [False, False]}, FAILS),
     ("dome-first-up", DOME, {"lifts": [0.01, -0.05]}, FAILS),
     ("dome-first-up", DOME, {"inverts": False}, FAILS),
-    ("dome-first-up", DOME, {"cone_errors": [0.3, 0.2, 0.1]}, FAILS),
+    ("dome-first-up", DOME, {"cone_errors": [0.1, 0.2]}, FAILS),
+    ("dome-first-up", DOME, {"cone_limit": 0.1}, FAILS),
     ("laminate-variants", STACKS, {"thick": [90.0, 0.0]}, OPEN),
     ("laminate-variants", STACKS, {"thick": [0.0, 0.0]}, FAILS),
     ("laminate-variants", STACKS, {"two_stiff": [150.0, 250.0]}, FAILS),

@@ -380,15 +380,16 @@ def sheet_snap_orientation(claim: Claim, facts: Facts) -> list[Check]:
     "dome-first-up",
     lifts=numbers("least height of the center over the rim before the inversion, over L"),
     inverts=flag("whether the sheet inverts later on"),
-    cone_errors=numbers("slope of ever thinner discs over sqrt(2 Delta), minus 1"),
+    cone_errors=numbers("height of ever thinner discs over R sqrt(2 Delta), minus 1"),
+    cone_limit=number("the same extrapolated to no thickness"),
 )
 def dome_first_up(claim: Claim, facts: Facts) -> list[Check]:
     errors = np.abs(facts["cone_errors"])
     return [
         all_above("the center over the lowest part of the rim", facts["lifts"].min(), 0.0, "L"),
         holds(facts["inverts"], "the sheet inverts later", "the sheet does not invert later"),
-        decreasing("the distance from the slope of a cone", errors),
-        all_below("the last of them", errors[-1:], 0.05),
+        decreasing("the distance from the height of a cone", errors),
+        all_below("that distance without thickness", abs(facts["cone_limit"]), 0.02),
     ]
 
 
