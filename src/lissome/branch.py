@@ -96,6 +96,24 @@ class BranchInterrupted(NotConverged):
         All equilibria up to the interruption.
     history, state : object or None
         Record of the last correction, and the last state of the branch.
+
+    Examples
+    --------
+    What was found before the interruption is not lost:
+
+    >>> import lissome as ls
+    >>> def fork(p):
+    ...     return ls.DenseStructure(
+    ...         initial=[0.4],
+    ...         energy=lambda x: x[0] ** 4 / 4 - p * x[0] ** 2 / 2,
+    ...         gradient=lambda x: x**3 - p * x,
+    ...         hessian=lambda x: [[3 * x[0] ** 2 - p]],
+    ...     )
+    >>> try:
+    ...     ls.follow(fork, start=1.0, stop=2.0, max_steps=2)
+    ... except ls.branch.BranchInterrupted as error:
+    ...     print(error.branch.finished, len(error.branch))
+    False 3
     """
 
     def __init__(
@@ -145,6 +163,22 @@ class Event:
         At a snap, the potential energy before minus that after, at the frozen parameter.
     detail : str
         In words.
+
+    Examples
+    --------
+    >>> import lissome as ls
+    >>> def fork(p):
+    ...     return ls.DenseStructure(
+    ...         initial=[0.4],
+    ...         energy=lambda x: x[0] ** 4 / 4 - p * x[0] ** 2 / 2,
+    ...         gradient=lambda x: x**3 - p * x,
+    ...         hessian=lambda x: [[3 * x[0] ** 2 - p]],
+    ...     )
+    >>> (event,) = ls.follow(fork, start=-1.0, stop=1.0).events
+    >>> print(event.kind, round(event.parameter, 6) + 0.0, event.index_before, event.index_after)
+    bifurcation 0.0 0 1
+    >>> print(event.mode)
+    [1.]
     """
 
     kind: str
@@ -234,6 +268,25 @@ class Branch:
     events : tuple of Event
     finished : bool
         Whether the branch came to its end; False for what an interruption has left.
+
+    Examples
+    --------
+    >>> import lissome as ls
+    >>> def fork(p):
+    ...     return ls.DenseStructure(
+    ...         initial=[0.4],
+    ...         energy=lambda x: x[0] ** 4 / 4 - p * x[0] ** 2 / 2,
+    ...         gradient=lambda x: x**3 - p * x,
+    ...         hessian=lambda x: [[3 * x[0] ** 2 - p]],
+    ...     )
+    >>> branch = ls.follow(fork, start=-1.0, stop=1.0)
+    >>> print(branch.table[["parameter", "stable"]].iloc[[0, -1]].to_string(index=False))
+     parameter  stable
+          -1.0    True
+           1.0   False
+    >>> side = branch.switch(branch.events[0])
+    >>> print(side.equilibria[-1].state.x.round(9), side.finished)
+    [1.] True
     """
 
     family: Family = field(repr=False)

@@ -62,6 +62,20 @@ class Iteration:
     kind : str
         "newton", "corrected" (with second-order correction), "curvature" (step off a saddle),
         "accepted" or "fast" (by the structure's own corrector).
+
+    Examples
+    --------
+    >>> import lissome as ls
+    >>> def fork(p):
+    ...     return ls.DenseStructure(
+    ...         initial=[0.4],
+    ...         energy=lambda x: x[0] ** 4 / 4 - p * x[0] ** 2 / 2,
+    ...         gradient=lambda x: x**3 - p * x,
+    ...         hessian=lambda x: [[3 * x[0] ** 2 - p]],
+    ...     )
+    >>> history = ls.equilibrate(fork(1.0)).history
+    >>> print(history[-1].kind, history[-1].inertia, history[-1].residual < 1e-12)
+    accepted (1, 0, 0) True
     """
 
     number: int
@@ -101,6 +115,22 @@ class Equilibrium:
         Whether the second variation is positive on all admissible, not neutral, motions.
     history : tuple of Iteration
         The iterations.
+
+    Examples
+    --------
+    >>> import lissome as ls
+    >>> def fork(p):
+    ...     return ls.DenseStructure(
+    ...         initial=[0.4],
+    ...         energy=lambda x: x[0] ** 4 / 4 - p * x[0] ** 2 / 2,
+    ...         gradient=lambda x: x**3 - p * x,
+    ...         hessian=lambda x: [[3 * x[0] ** 2 - p]],
+    ...     )
+    >>> found = ls.equilibrate(fork(1.0))
+    >>> print(found.state.x.round(9), round(found.energy, 9), found.stable, found.index)
+    [1.] -0.25 True 0
+    >>> print(round(found.smallest_eigenvalue(), 6))
+    2.0
     """
 
     structure: Any

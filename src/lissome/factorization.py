@@ -55,6 +55,16 @@ class Factorization(ABC):
         rounding errors hide its sign.
     relative_smallest_pivot : float
         Smallest over largest absolute eigenvalue of the pivots of the scaled matrix.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.factorization import DenseKKT
+    >>> factor = DenseKKT(np.diag([2.0, -1.0])).factorize()
+    >>> print(factor.inertia, factor.index, factor.is_minimum)
+    (1, 1, 0) 1 False
+    >>> print(factor.solve([4.0, 3.0])[0])
+    [ 2. -3.]
     """
 
     n: int
@@ -151,6 +161,17 @@ class KKTMatrix(ABC):
     ----------
     n, m : int
         Numbers of unknowns and of constraints.
+
+    Examples
+    --------
+    Any of the classes of this module will do where a structure is evaluated:
+
+    >>> import numpy as np
+    >>> from lissome.factorization import DenseKKT
+    >>> kkt = DenseKKT(np.diag([2.0, -1.0]), jacobian=[[1.0, 1.0]])
+    >>> force, violation = kkt.apply(np.array([1.0, 1.0]), np.array([3.0]))
+    >>> print(force, violation, kkt.jacobian_rows())
+    [5. 2.] [2.] [[1. 1.]]
     """
 
     n: int
@@ -427,6 +448,15 @@ class ChainLayout:
     ------
     InvalidInput
         If the positions are not each of 0 to N + border - 1 once.
+
+    Examples
+    --------
+    Four unknowns and one constraint, which sits in the border behind the band of the unknowns:
+
+    >>> from lissome.factorization import ChainLayout
+    >>> layout = ChainLayout(length=4, border=1)
+    >>> print(layout.unknowns, layout.constraints, layout.ordered)
+    [0 1 2 3] [4] True
     """
 
     length: int

@@ -44,6 +44,28 @@ class Output:
         that of the parameter. Those that are missing are found by central differences of fourth
         order. The derivative by the parameter includes what moves with prescribed values
         (``structure.adopt``).
+
+    Examples
+    --------
+    An output whose derivative by the state is known:
+
+    >>> import lissome as ls
+    >>> from lissome.sensitivities import Output
+    >>> def spring(load):
+    ...     return ls.DenseStructure(
+    ...         initial=[0.0],
+    ...         energy=lambda x: 2 * x[0] ** 2 - load * x[0],
+    ...         gradient=lambda x: 4 * x - load,
+    ...         hessian=lambda x: [[4.0]],
+    ...     )
+    >>> found = ls.equilibrate(spring(3.0))
+    >>> square = Output(
+    ...     lambda state, multipliers, load: state.x[0] ** 2,
+    ...     state_gradient=lambda state, multipliers, load: 2 * state.x,
+    ... )
+    >>> result = ls.sensitivity(spring, 3.0, found, {"square": square}, mode="adjoint")
+    >>> print(round(result.outputs["square"], 9))
+    0.375
     """
 
     function: Callable[[Any, Array, Any], float]
@@ -71,6 +93,21 @@ class Sensitivity:
         Derivatives of the multipliers (direct mode).
     outputs : dict
         Name: derivative, a float or an ndarray of shape (k,).
+
+    Examples
+    --------
+    >>> import lissome as ls
+    >>> def spring(load):
+    ...     return ls.DenseStructure(
+    ...         initial=[0.0],
+    ...         energy=lambda x: 2 * x[0] ** 2 - load * x[0],
+    ...         gradient=lambda x: 4 * x - load,
+    ...         hessian=lambda x: [[4.0]],
+    ...     )
+    >>> found = ls.equilibrate(spring(3.0))
+    >>> result = ls.sensitivity(spring, 3.0, found)
+    >>> print(result.mode, result.state.round(9), result.multipliers)
+    direct [0.25] []
     """
 
     parameter: float | Array

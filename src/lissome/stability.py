@@ -37,6 +37,21 @@ class Spectrum(NamedTuple):
         Modes, orthonormal in the metric; the entry of largest size is positive.
     floor : float
         Round-off error of the lowest eigenvalue. A value that does not exceed it in size has no sign.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> well = ls.DenseStructure(
+    ...     initial=[1.0, 1.0],
+    ...     energy=lambda x: x[0] ** 2 + 3 * x[1] ** 2,
+    ...     gradient=lambda x: np.array([2 * x[0], 6 * x[1]]),
+    ...     hessian=lambda x: np.diag([2.0, 6.0]),
+    ... )
+    >>> spectrum = ls.smallest_eigenvalue(ls.equilibrate(well), count=2)
+    >>> print(spectrum.values.round(9), spectrum.modes.round(6) + 0.0, spectrum.floor < 1e-12)
+    [2. 6.] [[1. 0.]
+     [0. 1.]] True
     """
 
     values: Array
@@ -66,6 +81,16 @@ def softest_mode(
     mode : ndarray, shape (n,)
         Of unit length in the metric.
     multipliers : ndarray, shape (m,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.factorization import DenseKKT
+    >>> from lissome.stability import softest_mode
+    >>> kkt = DenseKKT(np.diag([-0.001, 5.0, 9.0]))
+    >>> size, mode, _ = softest_mode(kkt, kkt.factorize(), np.ones(3))
+    >>> print(round(size, 9), np.abs(mode).round(6))
+    0.001 [1. 0. 0.]
     """
     v = _start_vector(kkt.n)
     v = v / math.sqrt(float(v @ (metric * v)))
@@ -85,6 +110,16 @@ def nearest_eigenvalue(
     """Return a bound of the size of the eigenvalue nearest to zero, and its round-off floor.
 
     The floor is that of the matrix; what rounding errors of the state add is not in it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.factorization import DenseKKT
+    >>> from lissome.stability import nearest_eigenvalue
+    >>> kkt = DenseKKT(np.diag([-0.001, 5.0, 9.0]))
+    >>> size, floor = nearest_eigenvalue(kkt, kkt.factorize(), np.ones(3), noise=1e-15)
+    >>> print(round(size, 9), floor < 1e-16)
+    0.001 True
     """
     size, mode, mult = softest_mode(kkt, factor, metric)
     terms, _ = kkt.magnitude(mode, mult)
@@ -169,7 +204,18 @@ def _rayleigh(kkt: KKTMatrix, metric: Array, modes: Array, zero: Array) -> tuple
 
 
 def lowest_mode(kkt: KKTMatrix, factor: Factorization, metric: Array) -> tuple[float, Array]:
-    """Return the lowest eigenvalue and its mode, roughly, given factors with right inertia."""
+    """Return the lowest eigenvalue and its mode, roughly, given factors with right inertia.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.factorization import DenseKKT
+    >>> from lissome.stability import lowest_mode
+    >>> kkt = DenseKKT(np.diag([2.0, 5.0, 9.0]))
+    >>> value, mode = lowest_mode(kkt, kkt.factorize(), np.ones(3))
+    >>> print(round(value, 6), mode.round(3) + 0.0)
+    2.0 [1. 0. 0.]
+    """
     _, modes = _lanczos(factor, metric, 1, np.zeros((0, kkt.n)), 0, 1e-3)
     values, modes = _rayleigh(kkt, metric, modes, np.zeros(kkt.m))
     if values.size == 0:

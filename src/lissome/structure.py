@@ -55,6 +55,17 @@ class Evaluation:
         Gradient of the Lagrangian, :math:`\\nabla E + J^T \\lambda` (order 1 and 2).
     kkt : KKTMatrix or None
         The matrix :math:`[[\\nabla^2 L, J^T], [J, 0]]` (order 2).
+
+    Examples
+    --------
+    A spring, away from its rest:
+
+    >>> import numpy as np
+    >>> from lissome import DenseStructure
+    >>> spring = DenseStructure([2.0], lambda x: x[0] ** 2, lambda x: 2 * x, lambda x: [[2.0]])
+    >>> here = spring.evaluate(spring.start(), np.zeros(0), order=1)
+    >>> print(here.energy, here.gradient, here.kkt)
+    4.0 [4.] None
     """
 
     energy: float
@@ -80,6 +91,27 @@ class Corrected:
         if it is missing.
     iterations : int
         Number of corrections that were made.
+
+    Examples
+    --------
+    A spring that knows where it comes to rest; the verdict stays with :func:`lissome.equilibrate`:
+
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> from lissome.factorization import DenseKKT
+    >>> from lissome.structure import BaseStructure, Corrected, Evaluation, VectorState
+    >>> class Spring(BaseStructure):
+    ...     size = 1
+    ...     def start(self):
+    ...         return VectorState([5.0])
+    ...     def evaluate(self, state, multipliers, order=2):
+    ...         energy = 0.5 * (state.x[0] - 1.0) ** 2
+    ...         return Evaluation(energy, np.zeros(0), state.x - 1.0, DenseKKT([[1.0]]))
+    ...     def correct(self, state, multipliers, tolerance):
+    ...         return Corrected(VectorState([1.0]), multipliers)
+    >>> found = ls.equilibrate(Spring())
+    >>> print(found.state.x, found.stable)
+    [1.] True
     """
 
     state: Any
@@ -104,6 +136,16 @@ class Structure(Protocol):
     verdict. It may stop where the next Newton correction is within `tolerance` (relative to
     ``typical``), without applying it; that correction is still made. ``diagnose(state)`` is asked about
     the last state when a solve fails: it returns what is wrong with that state, and the remedy, or None.
+
+    Examples
+    --------
+    Whatever has these methods is one; no base class is needed:
+
+    >>> from lissome import DenseStructure
+    >>> from lissome.structure import Structure
+    >>> spring = DenseStructure([2.0], lambda x: x[0] ** 2, lambda x: 2 * x, lambda x: [[2.0]])
+    >>> isinstance(spring, Structure), isinstance(2.0, Structure)
+    (True, False)
     """
 
     @property
@@ -165,6 +207,12 @@ class VectorState:
     ----------
     x : array_like, shape (n,)
         The unknowns. Copied, and made read-only.
+
+    Examples
+    --------
+    >>> from lissome.structure import VectorState
+    >>> print(VectorState([1, 2]).x)
+    [1. 2.]
     """
 
     x: Array
@@ -186,6 +234,26 @@ class BaseStructure:
     ``constraints_count`` (0 by default). The defaults below suit states of the kind
     :class:`VectorState`; a subclass whose states are of another kind also overrides ``retract`` and
     ``difference``.
+
+    Examples
+    --------
+    A chain of springs of any number of unknowns, between two walls, under a load on each:
+
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> from lissome.factorization import TridiagonalKKT
+    >>> from lissome.structure import BaseStructure, Evaluation, VectorState
+    >>> class Chain(BaseStructure):
+    ...     size = 5
+    ...     def start(self):
+    ...         return VectorState(np.zeros(self.size))
+    ...     def evaluate(self, state, multipliers, order=2):
+    ...         strain = np.diff(state.x, prepend=0.0, append=0.0)
+    ...         energy = 0.5 * strain @ strain - 0.1 * state.x.sum()
+    ...         kkt = TridiagonalKKT(np.full(self.size, 2.0), np.full(self.size - 1, -1.0))
+    ...         return Evaluation(energy, np.zeros(0), -np.diff(strain) - 0.1, kkt)
+    >>> print(ls.equilibrate(Chain()).state.x.round(12))
+    [0.25 0.4  0.45 0.4  0.25]
     """
 
     @property
@@ -563,6 +631,16 @@ def load_state(path: str | os.PathLike[str], cls: type[Any]) -> Any:
     ------
     DataError
         If the file is damaged, holds a state of another class, or fields with other names.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from lissome.structure import VectorState, load_state, save_state
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder) / "state.npz"
+    ...     save_state(file, VectorState([1.0, 2.0]))
+    ...     load_state(file, VectorState)
+    VectorState(x=array([1., 2.]))
     """
     path = Path(path)
     try:
