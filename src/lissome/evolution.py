@@ -52,6 +52,25 @@ class Evolving(Protocol):
 
     A third method is optional: ``march(memory, equilibrium, time, until, step) -> Marched`` advances
     by many steps at once, in compiled code; see :class:`Marched`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> class Tilted:
+    ...     def structure(self, tilt):
+    ...         return ls.DenseStructure(
+    ...             initial=[-1.0],
+    ...             energy=lambda x: x[0] ** 4 / 4 - x[0] ** 2 / 2 - tilt * x[0],
+    ...             gradient=lambda x: x**3 - x - tilt,
+    ...             hessian=lambda x: np.diag(3 * x**2 - 1),
+    ...         )
+    ...     def advance(self, tilt, time, step, before, after):
+    ...         return tilt + step
+    >>> tilted = Tilted()
+    >>> start = ls.equilibrate(tilted.structure(0.0))
+    >>> print(round(ls.evolve(tilted, 0.0, start, until=0.2, step=0.05).memory, 9))
+    0.2
     """
 
     def structure(self, memory: Any) -> Any:
@@ -91,6 +110,16 @@ class Marched:
         length or up to that time, was not accepted; :func:`evolve` then takes it, and finds the snap.
     steps : int
         Number of accepted steps.
+
+    Examples
+    --------
+    What a march that took three steps of 0.1 and could have gone on returns:
+
+    >>> import numpy as np
+    >>> from lissome.evolution import Marched
+    >>> from lissome.structure import VectorState
+    >>> Marched(0.3, 0.3, VectorState([-0.8]), np.zeros(0), reason="until", steps=3).steps
+    3
     """
 
     time: float
@@ -121,6 +150,28 @@ class Snap:
         Potential energy at the frozen memory before the snap, minus that after it.
     row : int
         Row of `before` in the history; `after` is in the next one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> class Tilted:
+    ...     def structure(self, tilt):
+    ...         return ls.DenseStructure(
+    ...             initial=[-1.0],
+    ...             energy=lambda x: x[0] ** 4 / 4 - x[0] ** 2 / 2 - tilt * x[0],
+    ...             gradient=lambda x: x**3 - x - tilt,
+    ...             hessian=lambda x: np.diag(3 * x**2 - 1),
+    ...         )
+    ...     def advance(self, tilt, time, step, before, after):
+    ...         return tilt + step
+    >>> tilted = Tilted()
+    >>> start = ls.equilibrate(tilted.structure(0.0))
+    >>> (snap,) = ls.evolve(tilted, 0.0, start, until=0.5, step=0.02).events
+    >>> print(snap.before.state.x.round(3), snap.after.state.x.round(3))
+    [-0.577] [1.155]
+    >>> print(round(snap.energy_released, 3))
+    0.75
     """
 
     time: float
@@ -148,6 +199,30 @@ class EvolutionInterrupted(NotConverged):
         Up to the interruption.
     state : object or None
         The last state.
+
+    Examples
+    --------
+    What was found before the interruption is not lost:
+
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> class Tilted:
+    ...     def structure(self, tilt):
+    ...         return ls.DenseStructure(
+    ...             initial=[-1.0],
+    ...             energy=lambda x: x[0] ** 4 / 4 - x[0] ** 2 / 2 - tilt * x[0],
+    ...             gradient=lambda x: x**3 - x - tilt,
+    ...             hessian=lambda x: np.diag(3 * x**2 - 1),
+    ...         )
+    ...     def advance(self, tilt, time, step, before, after):
+    ...         return tilt + step
+    >>> tilted = Tilted()
+    >>> start = ls.equilibrate(tilted.structure(0.0))
+    >>> try:
+    ...     ls.evolve(tilted, 0.0, start, until=1.0, step=0.02, max_steps=5)
+    ... except ls.evolution.EvolutionInterrupted as error:
+    ...     print(error.history.reason, round(error.history.time, 9))
+    interrupted 0.1
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -171,6 +246,30 @@ class History:
         Why it ended: ``"until"``, what `stop_when` said, or ``"interrupted"``.
     steps : int
         Number of accepted steps.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> class Tilted:
+    ...     def structure(self, tilt):
+    ...         return ls.DenseStructure(
+    ...             initial=[-1.0],
+    ...             energy=lambda x: x[0] ** 4 / 4 - x[0] ** 2 / 2 - tilt * x[0],
+    ...             gradient=lambda x: x**3 - x - tilt,
+    ...             hessian=lambda x: np.diag(3 * x**2 - 1),
+    ...         )
+    ...     def advance(self, tilt, time, step, before, after):
+    ...         return tilt + step
+    >>> tilted = Tilted()
+    >>> start = ls.equilibrate(tilted.structure(0.0))
+    >>> history = ls.evolve(tilted, 0.0, start, until=0.5, step=0.02, report_at=[0.25])
+    >>> print(history.kinds)
+    ('start', 'reported', 'before snap', 'after snap', 'end')
+    >>> end = history.equilibrium
+    >>> later = ls.evolve(tilted, history.memory, end, time=0.5, until=0.6, step=0.02)
+    >>> print(round(history.joined(later).time, 9))
+    0.6
     """
 
     times: Array
