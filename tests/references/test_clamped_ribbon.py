@@ -104,6 +104,14 @@ def test_helicoid_load_is_that_of_the_discrete_rod(width, twist):
     assert (4 * loads[1] - loads[0]) / 3 == pytest.approx(exact, rel=1e-4)
 
 
+@pytest.mark.parametrize("twist", [0.5, 3.0])
+def test_helicoid_of_equal_stiffnesses(twist):
+    """A round rod sees no frame: its load depends on the couple, which brings it down, not on twist."""
+    spun = helicoid_load(1.0, 1.0, 4.0, twist)
+    assert spun == pytest.approx(helicoid_load(1.0, 1.0, 4.0, 0.0), rel=1e-5)
+    assert spun > helicoid_load(1.0, 1.0, 0.0, 0.0) == pytest.approx(-4 * np.pi**2, rel=1e-5)
+
+
 def test_input():
     with pytest.raises(InvalidInput, match="shortening"):
         arch(KIRCHHOFF, 1.2)

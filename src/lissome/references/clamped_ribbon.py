@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 from scipy.special import j0
 
 from .._validate import finite, in_open_interval, integer_at_least, one_of, positive
@@ -356,7 +356,7 @@ def _interpolated(
     old, new = (_test(state, control, border)[0] for state in (before, after))
     guess = low + (high - low) * float(np.clip(old / (old - new), 0.1, 0.9))
     side = np.sign(high - low)
-    for spread in (0.1 * (high - low) * side, 4e-3, 2e-3, 2e-3):
+    for spread in (0.1 * (high - low) * side, 3e-3, 2e-3):
         places = guess + side * spread * np.array([-2.5, -1.5, -0.5, 0.5, 1.5, 2.5])
         states = list[Equilibrium]()
         for place in places:
@@ -428,8 +428,7 @@ def helicoid_load(
         m_1' = (\phi - M/B_2) m_2 + T t_1 + f_2,\quad m_2' = (M/B_1 - \phi) m_1 + T t_2 - f_1 .
 
     Displacement and rotation at the far clamp are a block of the matrix exponential times moment and
-    lateral force at the first one; its determinant vanishes at the load. (Equal stiffnesses have a
-    double zero, which is not found; make them differ a little.)
+    lateral force at the first one; its determinant vanishes at the load.
 
     Parameters
     ----------
@@ -452,7 +451,7 @@ def helicoid_load(
     Raises
     ------
     NotConverged
-        If there is none above -200.
+        If there is none above -400.
 
     Examples
     --------
@@ -475,14 +474,26 @@ def helicoid_load(
         a[6, 7], a[7, 6] = phi, -phi
         return float(np.linalg.det(expm(a)[:4, 4:]))
 
-    loads = np.arange(finite("tension", tension), -200.0, -0.25)
-    old = determinant(loads[0])
-    for high, low in zip(loads[:-1], loads[1:], strict=True):
-        new = determinant(low)
-        if old * new <= 0.0:
-            return float(brentq(determinant, low, high, xtol=1e-12, rtol=1e-13))
-        old = new
-    raise NotConverged(f"no load between {tension:g} and -200 makes the helicoid buckle")
+    loads = np.arange(finite("tension", tension), -400.0, -0.5)
+    values = [determinant(loads[0])]
+    for i in range(1, len(loads)):
+        values.append(determinant(loads[i]))
+        if values[-1] * values[-2] <= 0.0:
+            return float(brentq(determinant, loads[i], loads[i - 1], xtol=1e-12, rtol=1e-13))
+        if i > 1 and abs(values[-2]) < min(abs(values[-3]), abs(values[-1])):
+            # two loads close together, or a double one, between neighbors of one sign
+            side = np.sign(values[-1])
+            least = minimize_scalar(
+                lambda load, side=side: side * determinant(load),
+                bounds=(loads[i], loads[i - 2]),
+                method="bounded",
+                options={"xatol": 1e-10},
+            )
+            if least.fun < 0.0:
+                return float(brentq(determinant, least.x, loads[i - 2], xtol=1e-12, rtol=1e-13))
+            if least.fun < 1e-9 * abs(values[-1]):
+                return float(least.x)
+    raise NotConverged(f"no load between {tension:g} and -400 makes the helicoid buckle")
 
 
 def _along(family: Family, point: Point, change: Array) -> Point:
