@@ -305,43 +305,6 @@ def _eliminate(band, border, corner, weight, i, j, s, top, reach, pii, pij, pjj,
                 border[j, r] = pij * u + pjj * v
 
 
-@_jit(inline="always")
-def _take(band, border, corner, weight, j, reach, top, threshold, floor):
-    """Eliminate column j if it is a good pivot; return its diagonal entry, its largest, and whether."""
-    a = band[j, 0]
-    size = abs(a)
-    big = 0.0
-    for k in range(1, reach + 1):
-        v = abs(band[j, k])
-        if v > big:
-            big = v
-    for r in range(top):
-        v = abs(border[j, r])
-        if v > big:
-            big = v
-    good = size >= threshold * big and size > floor
-    if good:
-        d = 1.0 / a
-        for k in range(1, reach + 1):
-            factor = band[j, k] * d
-            if factor != 0.0:
-                for q in range(reach - k + 1):
-                    band[j + k, q] -= factor * band[j, k + q]
-                for r in range(top):
-                    border[j + k, r] -= factor * border[j, r]
-        for r in range(top):
-            factor = border[j, r] * d
-            if factor != 0.0:
-                for s in range(r + 1):
-                    corner[r, s] -= factor * border[j, s]
-                weight[r] += abs(factor * border[j, r])
-        for k in range(1, reach + 1):
-            band[j, k] *= d
-        for r in range(top):
-            border[j, r] *= d
-    return a, big, good
-
-
 @jit
 def eliminate_plainly(band, border, corner, nb, threshold, floor, pivots, weight):
     """Factor in place the columns before the first that makes no good pivot.
@@ -368,25 +331,41 @@ def eliminate_plainly(band, border, corner, nb, threshold, floor, pivots, weight
     growth = 0.0
     columns = n
     for j in range(n):
-        reach = n - 1 - j
-        if reach > width - 1:
-            reach = width - 1
-        a, big, good = _take(band, border, corner, weight, j, reach, nb, threshold, floor)
+        reach = min(width - 1, n - 1 - j)
+        a = band[j, 0]
         size = abs(a)
-        if not good:
+        big = 0.0
+        for k in range(1, reach + 1):
+            big = max(big, abs(band[j, k]))
+        for r in range(nb):
+            big = max(big, abs(border[j, r]))
+        if not (size >= threshold * big and size > floor):
             columns = j
             break
-        pivots[j, 0] = 1.0 / a
+        d = 1.0 / a
+        for k in range(1, reach + 1):
+            factor = band[j, k] * d
+            if factor != 0.0:
+                for q in range(reach - k + 1):
+                    band[j + k, q] -= factor * band[j, k + q]
+                for r in range(nb):
+                    border[j + k, r] -= factor * border[j, r]
+        for r in range(nb):
+            factor = border[j, r] * d
+            if factor != 0.0:
+                for s in range(r + 1):
+                    corner[r, s] -= factor * border[j, s]
+                weight[r] += abs(factor * border[j, r])
+        for k in range(1, reach + 1):
+            band[j, k] *= d
+        for r in range(nb):
+            border[j, r] *= d
+        pivots[j, 0] = d
         if a > 0.0:
             positive += 1
-        if size < smallest:
-            smallest = size
-        if size > largest:
-            largest = size
-        if size > growth:
-            growth = size
-        if big > growth:
-            growth = big
+        smallest = min(smallest, size)
+        largest = max(largest, size)
+        growth = max(growth, big, size)
     return columns, positive, columns - positive, smallest, largest, growth
 
 
@@ -450,10 +429,35 @@ def factorize_chain(
         events[j, 2] = nb
     for j in range(first, n):
         reach = min(w, n - 1 - j)
-        a, big, done = _take(band, border, corner, weight, j, reach, top, threshold, floor)
-        growth = max(growth, big, abs(a))
+        a = band[j, 0]
+        size = abs(a)
+        big = 0.0
+        for k in range(1, reach + 1):
+            big = max(big, abs(band[j, k]))
+        for r in range(top):
+            big = max(big, abs(border[j, r]))
+        growth = max(growth, big, size)
+        done = size >= threshold * big and size > floor
         if done:
-            pivots[j, 0] = 1.0 / a
+            d = 1.0 / a
+            for k in range(1, reach + 1):
+                factor = band[j, k] * d
+                if factor != 0.0:
+                    for q in range(reach - k + 1):
+                        band[j + k, q] -= factor * band[j, k + q]
+                    for r in range(top):
+                        border[j + k, r] -= factor * border[j, r]
+            for r in range(top):
+                factor = border[j, r] * d
+                if factor != 0.0:
+                    for s in range(r + 1):
+                        corner[r, s] -= factor * border[j, s]
+                    weight[r] += abs(factor * border[j, r])
+            for k in range(1, reach + 1):
+                band[j, k] *= d
+            for r in range(top):
+                border[j, r] *= d
+            pivots[j, 0] = d
             links[j, 0] = j
             links[j, 1] = -1
             events[count, 0] = _ONE

@@ -129,15 +129,6 @@ def hinge_rotations(frames, left, right, twist, q, kappa):
 
 
 @inner
-def _row(plan, r, j, d):
-    """Return what constraint r sums of the vector d of segment j."""
-    k = plan.rows[r, 0]
-    if k < 3:
-        return d[k]
-    return plan.phase[j] * (plan.normal[0] * d[0] + plan.normal[1] * d[1] + plan.normal[2] * d[2])
-
-
-@inner
 def _add(band, border, corner, i, j, value):
     """Add to the entries (i, j) and (j, i) of the bordered band."""
     length = band.shape[0]
@@ -151,17 +142,6 @@ def _add(band, border, corner, i, j, value):
         corner[low - length, high - length] += value
         if low != high:
             corner[high - length, low - length] += value
-
-
-@inner
-def _add_lower(band, border, corner, c, ce, block):
-    """Add the lower triangle of a block to the unknowns c, c + 1, c + 2 and ce of a segment."""
-    for r in range(4):
-        row = c + r if r < 3 else ce
-        for k in range(r + 1):
-            col = c + k if k < 3 else ce
-            if (c if r < 3 else ce) >= 0 and (c if k < 3 else ce) >= 0:
-                _add(band, border, corner, row, col, block[r, k])
 
 
 @inner
@@ -220,96 +200,168 @@ def assemble(
     energy : float
         Without the potential of all dead forces at the origin of the rod.
     """
-    energy = _add_segments(
-        frames, stretches, angles, values, plan, multipliers, gradient, band, border, corner,
-        constraints, order,
-    )  # fmt: skip
-    if order >= 1:
-        _add_hinges(
-            q, stress, stiffness, plan.left, plan.right, plan.span, plan.twist, plan.column,
-            plan.turning, plan.axis, gradient, band, border, corner, order,
-        )  # fmt: skip
-    return energy
-
-
-@jit
-def _add_segments(
-    frames, stretches, angles, values, plan, multipliers, gradient, band, border, corner,
-    constraints, order,
-):  # fmt: skip
-    """Overwrite everything by what belongs to segments, loads and constraints."""
-    lengths = plan.lengths
-    rows = plan.rows
-    span = plan.span
-    moments = plan.moments
-    dead = plan.dead
-    stiffness = plan.stiffness
-    column = plan.column
-    normal = plan.normal
-    arms = plan.arms
     length = plan.length
-    n = lengths.size
-    m = rows.shape[0]
-    first_row = length + border.shape[1] - m
-    sums = constraints
-    energy = 0.0
-    for i in range(span.size):
-        energy += span[i] * values[i]
-    for i in range(moments.size):
-        energy -= moments[i] * angles[i]
+    m = plan.rows.shape[0]
     if order >= 1:
         gradient[:] = 0.0
-        for i in range(moments.size):
-            gradient[plan.first_angle + i] -= moments[i]
     if order >= 2:
         band[:] = 0.0
         border[:] = 0.0
         corner[:] = 0.0
-    block = np.zeros((4, 4))
-    # ---- segments: dead forces, stretching, rows of the border
+    forces, normals = plan.dead, _NO_ROWS
+    if m:
+        normals = np.vstack([_AXES, plan.normal])[plan.rows[:, 0]]
+        if order >= 1:
+            forces = _with_multipliers(plan, multipliers, normals)
+    energy = float(plan.span @ values) + _add_segments(
+        frames, stretches, plan.lengths, plan.dead, forces, plan.rows, plan.phase, normals,
+        plan.column, plan.stretch_column, plan.stiffness, length, gradient, band, border, corner,
+        constraints, order,
+    )  # fmt: skip
+    constraints -= plan.targets
+    if plan.moments.size:
+        energy -= float(plan.moments @ angles)
+        if order >= 1:
+            gradient[plan.first_angle : plan.first_angle + plan.moments.size] -= plan.moments
+    if order >= 2 and max(plan.column[0], plan.stretch_column[0]) >= length:
+        _add_first_of_ring(frames, stretches, plan, forces[0], corner)
+    if plan.arms.shape[0]:
+        energy += _add_couples(
+            frames, plan.arms, plan.column, length, gradient, band, corner, order
+        )
+    if order >= 1:
+        add_hinges = _add_hinges if _all_plain(plan) else _add_all_hinges
+        add_hinges(
+            q, stress, stiffness, plan.left, plan.right, plan.span, plan.twist, plan.column,
+            plan.turning, plan.axis, gradient, band, border, corner, order, np.empty((7, 3, 3)),
+        )  # fmt: skip
+    return energy
+
+
+_AXES = np.eye(3)
+_NO_ROWS = np.empty((0, 3))
+
+
+def _with_multipliers(plan, multipliers, normals):
+    """Return the forces in the segments: dead loads, and the multipliers of the constraints."""
+    forces = plan.dead.copy()
+    for value, (k, first, last), normal in zip(
+        multipliers.tolist(), plan.rows.tolist(), normals, strict=True
+    ):
+        if k < 3:
+            forces[first:last, k] -= value
+        else:
+            forces[first:last] -= np.outer(value * plan.phase[first:last], normal)
+    return forces
+
+
+def _all_plain(plan):
+    """Return whether no hinge is turned, none joins a frame with one unknown or one in the border."""
+    joint = plan.twist.shape[0] - 1  # of a closed rod it comes last
+    return (
+        plan.first_angle == plan.length
+        and plan.twist[joint, 1] == 0.0
+        and plan.column[0] < plan.length
+        and not plan.moments.size
+    )
+
+
+def _add_first_of_ring(frames, stretches, plan, force, corner):
+    """Add the second variation of the load on segment 0, whose unknowns are in the border."""
+    length, c, ce = plan.length, plan.column[0], plan.stretch_column[0]
+    s, x, y, z = frames[0]
+    rest, e = plan.lengths[0], stretches[0]
+    p = np.empty(3)
+    _body(s, x, y, z, force, p)
+    p1, p2, p3 = p
+    le = rest * e
+    if c >= length:
+        c -= length
+        corner[c, c] += le * p3
+        corner[c + 1, c + 1] += le * p3
+        corner[c + 2, c] -= 0.5 * le * p1
+        corner[c, c + 2] -= 0.5 * le * p1
+        corner[c + 2, c + 1] -= 0.5 * le * p2
+        corner[c + 1, c + 2] -= 0.5 * le * p2
+    if ce >= length:
+        ce -= length
+        strain = 0.5 * (e * e - 1.0)
+        corner[ce, ce] += rest * plan.stiffness * (e * e + strain)
+        if c >= 0 and plan.column[0] >= length:
+            corner[ce, c] += rest * p2
+            corner[c, ce] += rest * p2
+            corner[ce, c + 1] -= rest * p1
+            corner[c + 1, ce] -= rest * p1
+
+
+@jit
+def _add_segments(
+    frames, stretches, lengths, dead, forces, rows, phase, normals, column, stretch_column,
+    stiffness, length, gradient, band, border, corner, sums, order,
+):  # fmt: skip
+    """Add what belongs to segments, loads and constraints; overwrite the sums of the constraints.
+
+    ``forces`` are those in the segments, ``normals`` (m, 3) the directions of the constraints.
+    """
+    m = rows.shape[0]
+    edge = border.shape[1] - m
+    energy = 0.0
     lost = np.zeros(m)
-    sums[:] = 0.0
-    for j in range(n):
+    for r in range(m):
+        sums[r] = 0.0
+    for j in range(lengths.size):
         s, x, y, z = frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3]
         d1 = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + s * z), 2.0 * (x * z - s * y))
         d2 = (2.0 * (x * y - s * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + s * x))
         d3 = (2.0 * (x * z + s * y), 2.0 * (y * z - s * x), 1.0 - 2.0 * (x * x + y * y))
         e = stretches[j]
-        le = lengths[j] * e
+        rest = lengths[j]
+        le = rest * e
         energy -= le * (dead[j, 0] * d3[0] + dead[j, 1] * d3[1] + dead[j, 2] * d3[2])
-        for r in range(m):
-            if rows[r, 1] <= j < rows[r, 2]:
-                # Kahan's sum: the ends of a long chain are known to the round-off of one addition
-                term = le * _row(plan, r, j, d3) - lost[r]
-                total = sums[r] + term
-                lost[r] = (total - sums[r]) - term
-                sums[r] = total
         strain = 0.0
-        ce = plan.stretch_column[j]
         if stiffness >= 0.0:
             strain = 0.5 * (e * e - 1.0)  # (4.17) over the rest length
-            energy += 0.5 * stiffness * lengths[j] * strain * strain
+            energy += 0.5 * stiffness * rest * strain * strain
+        c = column[j]
+        ce = stretch_column[j]
+        for r in range(m):
+            if j < rows[r, 1] or j >= rows[r, 2]:
+                continue
+            n0, n1, n2 = normals[r, 0], normals[r, 1], normals[r, 2]
+            if rows[r, 0] == 3:
+                n0 *= phase[j]
+                n1 *= phase[j]
+                n2 *= phase[j]
+            # Kahan's sum: the ends of a long chain are known to the round-off of one addition
+            along = n0 * d3[0] + n1 * d3[1] + n2 * d3[2]
+            term = le * along - lost[r]
+            total = sums[r] + term
+            lost[r] = (total - sums[r]) - term
+            sums[r] = total
+            if order < 2:
+                continue
+            k = edge + r
+            if c >= 0:
+                u = -le * (n0 * d2[0] + n1 * d2[1] + n2 * d2[2])
+                v = le * (n0 * d1[0] + n1 * d1[1] + n2 * d1[2])
+                if c < length:
+                    border[c, k] = u
+                    border[c + 1, k] = v
+                else:
+                    corner[c - length, k] = u
+                    corner[c - length + 1, k] = v
+                    corner[k, c - length] = u
+                    corner[k, c - length + 1] = v
+            if ce >= length:
+                corner[ce - length, k] = rest * along
+                corner[k, ce - length] = rest * along
+            elif ce >= 0:
+                border[ce, k] = rest * along
         if order == 0:
             continue
-        c = column[j]
-        # The force in the segment: dead loads, and the multipliers of the constraints.
-        fx = dead[j, 0]
-        fy = dead[j, 1]
-        fz = dead[j, 2]
-        for r in range(m):
-            if rows[r, 1] <= j < rows[r, 2]:
-                k = rows[r, 0]
-                if k == 0:
-                    fx -= multipliers[r]
-                elif k == 1:
-                    fy -= multipliers[r]
-                elif k == 2:
-                    fz -= multipliers[r]
-                else:
-                    w = multipliers[r] * plan.phase[j]
-                    fx -= w * normal[0]
-                    fy -= w * normal[1]
-                    fz -= w * normal[2]
+        fx = forces[j, 0]
+        fy = forces[j, 1]
+        fz = forces[j, 2]
         p1 = fx * d1[0] + fy * d1[1] + fz * d1[2]
         p2 = fx * d2[0] + fy * d2[1] + fz * d2[2]
         p3 = fx * d3[0] + fy * d3[1] + fz * d3[2]
@@ -317,54 +369,27 @@ def _add_segments(
             gradient[c] += le * p2
             gradient[c + 1] -= le * p1
         if ce >= 0:
-            gradient[ce] += lengths[j] * (stiffness * strain * e - p3)
-        if order == 1:
-            continue
-        low = 0.5 * le
-        bend = lengths[j] * stiffness * (e * e + strain)
-        if 0 <= c < length and (ce < 0 or ce < length):
+            gradient[ce] += rest * (stiffness * strain * e - p3)
+        if order >= 2 and 0 <= c < length:
             band[c, 0] += le * p3
             band[c + 1, 0] += le * p3
-            band[c, 2] -= low * p1
-            band[c + 1, 1] -= low * p2
+            band[c, 2] -= 0.5 * le * p1
+            band[c + 1, 1] -= 0.5 * le * p2
             if ce >= 0:  # it stands after the three angles
-                band[ce, 0] += bend
-                band[c, 3] += lengths[j] * p2
-                band[c + 1, 2] -= lengths[j] * p1
-        else:
-            block[:] = 0.0
-            block[0, 0] = le * p3
-            block[1, 1] = le * p3
-            block[2, 0] = -low * p1
-            block[2, 1] = -low * p2
-            block[3, 3] = bend
-            block[3, 0] = lengths[j] * p2
-            block[3, 1] = -lengths[j] * p1
-            _add_lower(band, border, corner, c, ce, block)
-        for r in range(m):
-            if rows[r, 1] <= j < rows[r, 2]:
-                at = first_row - length + r
-                for k in range(3):
-                    col = c + k if k < 2 else ce
-                    if (c if k < 2 else ce) < 0:
-                        continue
-                    if k == 0:
-                        value = -le * _row(plan, r, j, d2)
-                    elif k == 1:
-                        value = le * _row(plan, r, j, d1)
-                    else:
-                        value = lengths[j] * _row(plan, r, j, d3)
-                    if col < length:
-                        border[col, at] = value
-                    else:
-                        corner[col - length, at] = value
-                        corner[at, col - length] = value
-    # ---- couples
+                band[ce, 0] += rest * stiffness * (e * e + strain)
+                band[c, 3] += rest * p2
+                band[c + 1, 2] -= rest * p1
+    return energy
+
+
+@jit
+def _add_couples(frames, arms, column, length, gradient, band, corner, order):
+    """Add the couples of forces at arms; return their energy."""
+    energy = 0.0
     p = np.zeros(3)
     for i in range(arms.shape[0]):
         j = int(arms[i, 0])
-        s, x, y, z = frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3]
-        _body(s, x, y, z, arms[i, 1:4], p)
+        _body(frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3], arms[i, 1:4], p)
         arm = arms[i, 4:7]
         pa = p[0] * arm[0] + p[1] * arm[1] + p[2] * arm[2]
         energy -= pa
@@ -374,18 +399,23 @@ def _add_segments(
         gradient[c] -= arm[1] * p[2] - arm[2] * p[1]
         gradient[c + 1] -= arm[2] * p[0] - arm[0] * p[2]
         gradient[c + 2] -= arm[0] * p[1] - arm[1] * p[0]
-        if order >= 2:
-            for r in range(3):
-                for k in range(3):
-                    block[r, k] = -0.5 * (p[r] * arm[k] + arm[r] * p[k])
-                block[r, r] += pa
-            _add_lower(band, border, corner, c, -1, block)
-    for r in range(m):
-        constraints[r] -= plan.targets[r]
+        if order < 2:
+            continue
+        for r in range(3):
+            for k in range(r + 1):
+                value = -0.5 * (p[r] * arm[k] + arm[r] * p[k])
+                if r == k:
+                    value += pa
+                if c < length:
+                    band[c + k, r - k] += value
+                else:
+                    corner[c - length + r, c - length + k] += value
+                    if r != k:
+                        corner[c - length + k, c - length + r] += value
     return energy
 
 
-@inner
+@jit
 def _body(s, x, y, z, w, out):
     """Write the components of the spatial vector w in the frame."""
     out[0] = (
@@ -405,128 +435,6 @@ def _body(s, x, y, z, w, out):
     )
 
 
-@jit
-def _add_hinges(
-    q, stress, stiffness, left, right, span, twist, column, turning, axis, gradient, band, border,
-    corner, order,
-):  # fmt: skip
-    """Add gradient and Hessian of the energy of the hinges."""
-    length = band.shape[0]
-    g = np.zeros((2, 3))
-    cross = np.zeros((3, 3))
-    cx = np.zeros((3, 3))
-    cxt = np.zeros((3, 3))
-    blocks = np.zeros((3, 3, 3))
-    aa = blocks[0]
-    bb = blocks[1]
-    ab = blocks[2]
-    for i in range(left.size):
-        a = left[i]
-        b = right[i]
-        ca = column[a]
-        cb = column[b]
-        s, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
-        m0, m1, m2 = stress[i, 0], stress[i, 1], stress[i, 2]
-        # b: X^T m = s m + m x v; a: -X m = -s m - v x m
-        w0 = m1 * z - m2 * y
-        w1 = m2 * x - m0 * z
-        w2 = m0 * y - m1 * x
-        g[0, 0] = w0 - s * m0
-        g[0, 1] = w1 - s * m1
-        g[0, 2] = w2 - s * m2
-        g[1, 0] = w0 + s * m0
-        g[1, 1] = w1 + s * m1
-        g[1, 2] = w2 + s * m2
-        turned = twist[i, 1] != 0.0
-        if turned:  # the right increment acts before the turn about d3
-            _turn_vector(g[1], twist[i, 0], twist[i, 1])
-        for side in range(2):
-            f = a if side == 0 else b
-            c = ca if side == 0 else cb
-            if c < 0:
-                continue
-            if turning[f]:
-                for k in range(3):
-                    gradient[c] += axis[f, k] * g[side, k]
-            else:
-                for k in range(3):
-                    gradient[c + k] += g[side, k]
-        if order < 2:
-            continue
-        share = 1.0 / span[i]
-        cross[0, 0] = s
-        cross[1, 1] = s
-        cross[2, 2] = s
-        cross[0, 1] = -z
-        cross[0, 2] = y
-        cross[1, 0] = z
-        cross[1, 2] = -x
-        cross[2, 0] = -y
-        cross[2, 1] = x
-        for r in range(3):
-            for k in range(3):
-                cx[r, k] = share * (
-                    stiffness[i, r, 0] * cross[0, k]
-                    + stiffness[i, r, 1] * cross[1, k]
-                    + stiffness[i, r, 2] * cross[2, k]
-                )
-                cxt[r, k] = share * (
-                    stiffness[i, r, 0] * cross[k, 0]
-                    + stiffness[i, r, 1] * cross[k, 1]
-                    + stiffness[i, r, 2] * cross[k, 2]
-                )
-        for r in range(3):
-            for k in range(3):
-                bb[r, k] = cross[0, r] * cx[0, k] + cross[1, r] * cx[1, k] + cross[2, r] * cx[2, k]
-                aa[r, k] = (
-                    cross[r, 0] * cxt[0, k] + cross[r, 1] * cxt[1, k] + cross[r, 2] * cxt[2, k]
-                )
-                ab[r, k] = -(
-                    cross[r, 0] * cx[0, k] + cross[r, 1] * cx[1, k] + cross[r, 2] * cx[2, k]
-                )
-        mv = 0.5 * (m0 * x + m1 * y + m2 * z)
-        for r in range(3):
-            aa[r, r] -= mv
-            bb[r, r] -= mv
-            ab[r, r] -= mv
-        h = 0.5 * s
-        ab[0, 0] += x * m0
-        ab[1, 1] += y * m1
-        ab[2, 2] += z * m2
-        u = 0.5 * (x * m1 + y * m0)
-        ab[0, 1] += u - h * m2
-        ab[1, 0] += u + h * m2
-        u = 0.5 * (x * m2 + z * m0)
-        ab[0, 2] += u + h * m1
-        ab[2, 0] += u - h * m1
-        u = 0.5 * (y * m2 + z * m1)
-        ab[1, 2] += u - h * m0
-        ab[2, 1] += u + h * m0
-        if turned:
-            c2 = twist[i, 0]
-            s2 = twist[i, 1]
-            for r in range(3):
-                _turn_vector(ab[r], c2, s2)
-                _turn_vector(bb[r], c2, s2)
-            for k in range(3):
-                _turn_vector(bb[:, k], c2, s2)
-        if (
-            ca >= 0 and cb > ca and cb < length and turning[a] == 0 and turning[b] == 0
-        ):  # neighbors in the band
-            step = cb - ca
-            for r in range(3):
-                for k in range(3):
-                    if r >= k:
-                        band[ca + k, r - k] += aa[r, k]
-                        band[cb + k, r - k] += bb[r, k]
-                    band[ca + k, step + r - k] += ab[k, r]
-        else:
-            for side in range(3):
-                f = b if side == 1 else a
-                h = a if side == 0 else b
-                _add_pair(band, border, corner, column, turning, axis, f, h, blocks[side])
-
-
 @inner
 def _turn_vector(w, c, s):
     """Turn a vector about d3, by the angle whose half has cosine c and sine s."""
@@ -535,6 +443,144 @@ def _turn_vector(w, c, s):
     u = cos * w[0] - sin * w[1]
     w[1] = sin * w[0] + cos * w[1]
     w[0] = u
+
+
+def _hinges_with(special):
+    """Return a pass over the hinges, with those that are not plain or without."""
+
+    @jit
+    def add_hinges(
+        q, stress, stiffness, left, right, span, twist, column, turning, axis, gradient, band, border,
+        corner, order, work,
+    ):  # fmt: skip
+        """Add gradient and Hessian of the energy of the hinges."""
+        length = band.shape[0]
+        aa = work[0]
+        bb = work[1]
+        ab = work[2]
+        g = work[3]
+        cross = work[4]
+        cx = work[5]
+        cxt = work[6]
+        for i in range(left.size):
+            a = left[i]
+            b = right[i]
+            ca = column[a]
+            cb = column[b]
+            s, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+            m0, m1, m2 = stress[i, 0], stress[i, 1], stress[i, 2]
+            # b: X^T m = s m + m x v; a: -X m = -s m - v x m
+            w0 = m1 * z - m2 * y
+            w1 = m2 * x - m0 * z
+            w2 = m0 * y - m1 * x
+            g[0, 0] = w0 - s * m0
+            g[0, 1] = w1 - s * m1
+            g[0, 2] = w2 - s * m2
+            g[1, 0] = w0 + s * m0
+            g[1, 1] = w1 + s * m1
+            g[1, 2] = w2 + s * m2
+            if special:
+                turned = twist[i, 1] != 0.0
+                if turned:  # the right increment acts before the turn about d3
+                    _turn_vector(g[1], twist[i, 0], twist[i, 1])
+            for side in range(2):
+                c = ca if side == 0 else cb
+                if c < 0:
+                    continue
+                if special:
+                    f = a if side == 0 else b
+                    if turning[f]:
+                        for k in range(3):
+                            gradient[c] += axis[f, k] * g[side, k]
+                        continue
+                for k in range(3):
+                    gradient[c + k] += g[side, k]
+            if order < 2:
+                continue
+            share = 1.0 / span[i]
+            cross[0, 0] = s
+            cross[1, 1] = s
+            cross[2, 2] = s
+            cross[0, 1] = -z
+            cross[0, 2] = y
+            cross[1, 0] = z
+            cross[1, 2] = -x
+            cross[2, 0] = -y
+            cross[2, 1] = x
+            for r in range(3):
+                for k in range(3):
+                    cx[r, k] = share * (
+                        stiffness[i, r, 0] * cross[0, k]
+                        + stiffness[i, r, 1] * cross[1, k]
+                        + stiffness[i, r, 2] * cross[2, k]
+                    )
+                    cxt[r, k] = share * (
+                        stiffness[i, r, 0] * cross[k, 0]
+                        + stiffness[i, r, 1] * cross[k, 1]
+                        + stiffness[i, r, 2] * cross[k, 2]
+                    )
+            for r in range(3):
+                for k in range(3):
+                    bb[r, k] = (
+                        cross[0, r] * cx[0, k] + cross[1, r] * cx[1, k] + cross[2, r] * cx[2, k]
+                    )
+                    aa[r, k] = (
+                        cross[r, 0] * cxt[0, k] + cross[r, 1] * cxt[1, k] + cross[r, 2] * cxt[2, k]
+                    )
+                    ab[r, k] = -(
+                        cross[r, 0] * cx[0, k] + cross[r, 1] * cx[1, k] + cross[r, 2] * cx[2, k]
+                    )
+            mv = 0.5 * (m0 * x + m1 * y + m2 * z)
+            for r in range(3):
+                aa[r, r] -= mv
+                bb[r, r] -= mv
+                ab[r, r] -= mv
+            h = 0.5 * s
+            ab[0, 0] += x * m0
+            ab[1, 1] += y * m1
+            ab[2, 2] += z * m2
+            u = 0.5 * (x * m1 + y * m0)
+            ab[0, 1] += u - h * m2
+            ab[1, 0] += u + h * m2
+            u = 0.5 * (x * m2 + z * m0)
+            ab[0, 2] += u + h * m1
+            ab[2, 0] += u - h * m1
+            u = 0.5 * (y * m2 + z * m1)
+            ab[1, 2] += u - h * m0
+            ab[2, 1] += u + h * m0
+            if special:
+                if turned:
+                    c2 = twist[i, 0]
+                    s2 = twist[i, 1]
+                    for r in range(3):
+                        _turn_vector(ab[r], c2, s2)
+                        _turn_vector(bb[r], c2, s2)
+                    for k in range(3):
+                        _turn_vector(bb[:, k], c2, s2)
+                if not (0 <= ca < cb < length and turning[a] == 0 and turning[b] == 0):
+                    for side in range(3):
+                        f = b if side == 1 else a
+                        h = a if side == 0 else b
+                        _add_pair(band, border, corner, column, turning, axis, f, h, work[side])
+                    continue
+            # neighbors in the band; a prescribed frame has no column
+            for r in range(3):
+                for k in range(3):
+                    if r >= k:
+                        if ca >= 0:
+                            band[ca + k, r - k] += aa[r, k]
+                        if cb >= 0:
+                            band[cb + k, r - k] += bb[r, k]
+                    if 0 <= ca < cb:
+                        band[ca + k, cb - ca + r - k] += ab[k, r]
+                    elif ca > cb >= 0:
+                        band[cb + k, ca - cb + r - k] += ab[r, k]
+
+    return add_hinges
+
+
+_add_hinges = _hinges_with(False)
+_add_all_hinges = _hinges_with(True)
 
 
 @jit
