@@ -146,7 +146,9 @@ def _factors(
     except FactorizationError:
         pass
     stiffness = kkt.magnitude(np.ones(rod.size), np.zeros(kkt.m))[0]
-    scale = float(np.median(stiffness / metric))
+    scale = float(np.median(stiffness / metric)) or float(np.max(stiffness / metric))
+    if not 0.0 < scale < math.inf:
+        return None
     trial = max(shift, 1e-6 * scale)
     while trial <= 1e3 * scale:
         try:
