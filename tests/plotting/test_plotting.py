@@ -298,3 +298,21 @@ def test_drawing_helpers_keep_proportions():
     plotting.ground(ax, -1, 2)
     plotting.bare(ax)
     assert not ax.axison
+
+
+def test_tiles_lead_to_their_pages_and_have_one_static_twin():
+    entries = [
+        (_sample((2, 1))[0], "one & only", "a.html", "a curve that rises"),
+        (_sample((1, 2))[0], "two", "b.html", "another curve that rises"),
+    ]
+    drawing = plotting.tiles(entries)
+    assert re.findall(r'<a href="([^"]+)">', drawing.markup) == ["a.html", "b.html"]
+    assert "<span>one &amp; only</span>" in drawing.markup
+    assert drawing.markup.count('role="img"') == 2
+    with Image.open(io.BytesIO(drawing.still)) as twin:
+        assert twin.size == (480, 320)  # 160 dots per inch, side by side
+    for wrong in ("https://example.org/a.html", "/a.html"):
+        with pytest.raises(InvalidInput, match="relative"):
+            plotting.tiles([(*entries[0][:2], wrong, entries[0][3])])
+    with pytest.raises(InvalidInput, match="at least one"):
+        plotting.tiles([])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from ._display import Drawing, figure, show
 from ._palette import PALETTE, SERIES, color
+from .gallery import tiles
 from .motion import animate
 from .planar import (
     bare,
@@ -40,4 +41,5 @@ __all__ = [
     "show",
     "show3d",
     "static_twin",
+    "tiles",
 ]
