@@ -35,6 +35,22 @@ SCHEMES = ("staggered", "nodal")
 JOINTS = ("matched", "free")
 
 
+class _RibbonKKT(ChainKKT):
+    """The KKT matrix of a ribbon, which knows how large moments are in a ribbon free of stress.
+
+    Moments about d2 and d3 are multipliers. Where they vanish, rounding errors of the bending moment are
+    all that there is in some components, and are not to be compared with themselves.
+    """
+
+    least: Array
+
+    def magnitude(self, dx: Array, dmultipliers: Array) -> tuple[Array, Array]:
+        """Return the sizes of the terms that `apply` sums; if all of `dx` is positive, typical ones."""
+        if dx.size and float(dx.min()) > 0.0:
+            dmultipliers = np.maximum(np.abs(dmultipliers), self.least)
+        return super().magnitude(dx, dmultipliers)
+
+
 @dataclass(frozen=True)
 class RibbonState(RodState):
     """Configuration of a ribbon: that of its center line, and its rulings.
@@ -160,7 +176,7 @@ class Ribbon(BaseStructure):
         if abs(self.half_turns) != 1 or not law.has_fold:
             return
         limit = self.rod.length / math.sqrt(3.0)
-        if law.width >= limit:
+        if law.width >= limit * (1.0 - 1e-9):
             raise InvalidInput(
                 f"argument `width` is {law.width:g}, {law.width / self.rod.length:.6g} of the length; a "
                 f"band with one half turn must be narrower than 1/sqrt(3) of its length ({limit:.6g}), "
@@ -590,7 +606,11 @@ class Ribbon(BaseStructure):
         gradient = gradient[skeleton.chain.unknowns]
         if order == 1:
             return Evaluation(energy, constraints, gradient)
-        kkt = ChainKKT(band, border.T, corner, layout=skeleton.chain)
+        kkt = _RibbonKKT(band, border.T, corner, layout=skeleton.chain)
+        bending = kappa[:, 0] / plan.span
+        moment = layout.parameters[0] * max(math.sqrt(np.mean(bending**2)), 1.0 / self.length)
+        kkt.least = np.zeros(constraints.size)
+        kkt.least[m:].reshape(n, -1)[:, :2] = moment
         return Evaluation(energy, constraints, gradient, kkt)
 
     def correct(self, state: RibbonState, multipliers: Array, tolerance: float) -> Corrected | None:
