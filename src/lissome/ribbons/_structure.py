@@ -616,7 +616,15 @@ class Ribbon(BaseStructure):
     def correct(self, state: RibbonState, multipliers: Array, tolerance: float) -> Corrected | None:
         """Return a nearby stationary point, by Newton's method with a shift and a short line search."""
         structure: Any = self
-        return fast_correction(structure, state, multipliers, tolerance)
+        found = fast_correction(structure, state, multipliers, tolerance)
+        if found is None or found.iterations or found.factorization is None:
+            return found
+        # The state was right at once; multipliers of another width or stiffness need not be.
+        here = found.evaluation
+        assert here is not None
+        assert here.gradient is not None
+        _, dm = found.factorization.solve(-here.gradient, -here.constraints)
+        return Corrected(found.state, found.multipliers + dm)
 
     def present(self, equilibrium: Equilibrium) -> Any:
         """Return the equilibrium with strains, rulings, forces and the developed surface.
