@@ -947,6 +947,14 @@ def equilibrate(
                 dx, dmult, correction = solver.correction_at_hand()
                 if solver.residual <= solver.noise or (correction <= tol and solver.settled(dmult)):
                     solver.record(correction, 0.0, 1.0, "fast")
-                    return solver.finish(dx, dmult, correction)
+                    return _told(solver.finish(dx, dmult, correction))
             solver.state, solver.multipliers = state, guess
-    return solver.stable() if require == "stable" else solver.any()
+    return _told(solver.stable() if require == "stable" else solver.any())
+
+
+def _told(result: Equilibrium) -> Equilibrium:
+    """Let the structure warn of what is wrong with an equilibrium, and return it."""
+    warn = getattr(result.structure, "warn", None)
+    if warn is not None:
+        warn(result, 4)
+    return result

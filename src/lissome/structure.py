@@ -127,7 +127,7 @@ class Structure(Protocol):
 
     Vectors `dx` are tangent vectors of the manifold of states: increments of the `size` unknowns.
 
-    Three methods are optional. ``present(equilibrium)`` returns the structure's own subclass of
+    Four methods are optional. ``present(equilibrium)`` returns the structure's own subclass of
     :class:`~lissome.equilibrium.Equilibrium`. ``correct(state, multipliers, tolerance)`` is a fast
     corrector: it returns a nearby stationary point as :class:`Corrected`, or None if it does not get
     to one. :func:`lissome.equilibrate` calls it once, before its own descent, with the start and a
@@ -136,6 +136,8 @@ class Structure(Protocol):
     verdict. It may stop where the next Newton correction is within `tolerance` (relative to
     ``typical``), without applying it; that correction is still made. ``diagnose(state)`` is asked about
     the last state when a solve fails: it returns what is wrong with that state, and the remedy, or None.
+    ``warn(equilibrium, stacklevel)`` is called with what :func:`lissome.equilibrate` returns (not with
+    the many states of a branch), to warn of what the model leaves out.
 
     Examples
     --------

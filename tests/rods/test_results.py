@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import warnings
 
 import meshio
 import numpy as np
@@ -13,8 +14,9 @@ import lissome as ls
 from lissome.errors import InvalidInput, LissomeWarning
 from lissome.rods import results, shapes
 from lissome.rods.laws import Kirchhoff
-from lissome.rods.quaternions import conjugate, exponential, multiply
+from lissome.rods.quaternions import conjugate, exponential, multiply, to_directors
 from lissome.rods.results import (
+    advances,
     linking_number,
     self_crossings,
     total_twist,
@@ -348,12 +350,44 @@ def test_equilibrium_that_crosses_itself_warns(tmp_path):
     """A clamped arc of more than a turn, naturally so: its parts lie on each other."""
     law = Kirchhoff((1.0, 1.0), 1.0)
     rod = shapes.arc(1.0, 60, law, angle=2.2 * 2 * math.pi).clamped("start").clamped("end")
-    eq = ls.equilibrate(rod)
+    with pytest.warns(LissomeWarning, match="passes through itself") as told:
+        eq = ls.equilibrate(rod)
+    assert told[0].filename == __file__  # it points at the caller
     with pytest.warns(LissomeWarning, match="self-contact is not modelled"):
         assert eq.self_crossings()
     with pytest.warns(LissomeWarning, match="self-contact is not modelled"):
         eq.to_vtk(tmp_path / "coil.vtu")
     assert eq.self_crossings(warn=False)
+
+
+@pytest.mark.parametrize("angle", [0.5, 4.0, 6.0])
+def test_equilibrium_that_does_not_cross_itself_is_silent(angle):
+    law = Kirchhoff((1.0, 1.0), 1.0)
+    rod = shapes.arc(1.0, 60, law, angle=angle).clamped("start")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ls.equilibrate(rod)
+
+
+def test_rods_that_advance_along_a_direction_do_not_cross_themselves():
+    """Random curves: none that is let pass unseen comes near itself, at any distance asked for."""
+    rng = np.random.default_rng(4)
+    passed = 0
+    for _ in range(300):
+        count = int(rng.integers(2, 80))
+        turns = exponential(rng.normal(size=(count, 3)) * rng.uniform(0, 3) / count**0.5)
+        frames = np.empty((count, 4))
+        frames[0] = exponential(rng.normal(size=3))
+        for j in range(1, count):
+            frames[j] = multiply(frames[j - 1], turns[j])
+        edges = rng.uniform(0.1, 1.0, count)[:, None] * to_directors(frames)[:, 2]
+        nodes = np.concatenate([np.zeros((1, 3)), np.cumsum(edges, axis=0)])
+        if advances(frames):
+            passed += 1
+            assert not any(self_crossings(nodes, d) for d in (1e-3, 0.1, 0.5, 2.0))
+    assert 30 < passed < 270
+    u = np.linspace(0, 2 * np.pi, 40)  # a circle does not
+    assert not advances(exponential(np.stack([u, 0 * u, 0 * u], axis=1)))
 
 
 @pytest.mark.parametrize(

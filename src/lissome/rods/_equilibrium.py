@@ -51,6 +51,9 @@ class Reaction(NamedTuple):
 class RodEquilibrium(Equilibrium):
     """An equilibrium of a rod.
 
+    Self-contact is not modelled: parts of the rod may have passed through each other. :func:`equilibrate`
+    warns of a rod that crosses itself, and :meth:`self_crossings` tells where.
+
     Attributes
     ----------
     positions : ndarray, shape (N + 1, 3)

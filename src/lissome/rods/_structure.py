@@ -17,7 +17,7 @@ from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning
 from ..factorization import ChainKKT
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
-from . import _kernel
+from . import _kernel, results
 from ._corrector import fast_correction
 from ._equilibrium import RodEquilibrium
 from ._layout import Layout, derive, plane_normal
@@ -866,6 +866,29 @@ class Rod(BaseStructure):
         if found:
             warnings.warn(found, LissomeWarning, stacklevel=5)
         return equilibrium.as_type(RodEquilibrium)
+
+    def warn(self, equilibrium: Equilibrium, stacklevel: int = 2) -> None:
+        """Warn if the rod crosses itself: self-contact is not modelled.
+
+        :func:`lissome.equilibrate` asks for this; a branch does not, whose states can be asked one by
+        one (:meth:`RodEquilibrium.self_crossings`).
+
+        Warns
+        -----
+        LissomeWarning
+            If parts of the rod come nearer to each other than a thousandth of its length.
+        """
+        state = equilibrium.state
+        if results.advances(state.quaternions):
+            return
+        nodes = self.positions(state)
+        if results.self_crossings(nodes, closed=self.closed):
+            warnings.warn(
+                "the rod passes through itself, or comes within a thousandth of its length of itself; "
+                "self-contact is not modelled: `self_crossings` of the equilibrium tells where",
+                LissomeWarning,
+                stacklevel=stacklevel,
+            )
 
     def diagnose(self, state: RodState) -> str | None:
         """Return the remedy if a hinge turns by more than 150 degrees, else None."""

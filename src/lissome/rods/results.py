@@ -1,7 +1,8 @@
 r"""What can be said about a rod's shape, as functions of plain arrays; tables and files.
 
 Rods do not feel contact: parts of a rod may pass through each other, and nothing in the energy knows.
-:func:`self_crossings` finds where that happens; :func:`warn_of_self_crossings` warns.
+:func:`self_crossings` finds where that happens, :func:`warn_of_self_crossings` warns, and so does
+:func:`lissome.equilibrate`.
 
 Twist, writhe and linking number are those of polygons with frames, and exact: for a closed rod
 :math:`\mathrm{Tw} + \mathrm{Wr}` is a whole number if the frames close up.
@@ -225,10 +226,35 @@ def self_crossings(
         apart &= pairs[:, 1] - pairs[:, 0] < edges.size - 1
     pairs = np.ascontiguousarray(pairs[apart & (between > 0.5 * math.pi * reach)])
     distances, fractions = np.empty(pairs.shape[0]), np.empty((pairs.shape[0], 2))
-    _segment_distances(points, pairs, distances, fractions)
+    if pairs.size:
+        _segment_distances(points, pairs, distances, fractions)
     near = np.flatnonzero(distances < reach)
     near = near[np.lexsort((pairs[near, 1], pairs[near, 0], distances[near]))]
     return Crossings(pairs[near], distances[near], fractions[near])
+
+
+def advances(quaternions: NDArray[np.float64]) -> bool:
+    r"""Return whether all tangents of a rod are near one direction: then it does not cross itself.
+
+    If :math:`t\cdot u\ge 2/\pi` for all tangents t and some unit vector u, then places that are an arc
+    length s apart are at least :math:`2s/\pi` apart in space, which is more than a distance d wherever
+    :math:`s > \pi d/2`: :func:`self_crossings` would find nothing, for any d. For u this takes the mean
+    tangent. (By the theorem of Schur such a u exists whenever the total curvature of the rod is below
+    :math:`2\arccos(2/\pi) = 1.76`: the tangent half way.)
+
+    Parameters
+    ----------
+    quaternions : ndarray, shape (N, 4)
+        Frames of the segments.
+    """
+    s, x, y, z = quaternions.T
+    tangents = np.empty((3, s.size))
+    tangents[0] = 2.0 * (x * z + s * y)
+    tangents[1] = 2.0 * (y * z - s * x)
+    tangents[2] = 1.0 - 2.0 * (x * x + y * y)
+    mean = tangents.sum(axis=1)
+    size = math.sqrt(mean @ mean)
+    return bool((mean @ tangents).min() >= 2.0 / math.pi * size > 0.0)
 
 
 def warn_of_self_crossings(
