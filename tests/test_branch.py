@@ -886,3 +886,25 @@ def test_switching_needs_a_bifurcation_of_the_same_branch():
         a.switch(a.events[0], mode=1)
     with pytest.raises(InvalidInput, match="unknown options"):
         a.switch(a.events[0], stopp=1)
+
+
+def test_a_structure_whose_constraints_leave_nothing_free_is_followed():
+    """A softening spring that is held: its force, the multiplier, falls beyond the limit point."""
+
+    def held(length):
+        return DenseStructure(
+            initial=[0.5],
+            energy=lambda x: x[0] ** 2 / 2 - x[0] ** 3 / 6,
+            gradient=lambda x: x - x**2 / 2,
+            hessian=lambda x: [[1 - x[0]]],
+            constraints=lambda x: [length - x[0]],
+            jacobian=lambda x: [[-1.0]],
+        )
+
+    branch = follow(held, 0.5, 1.5, outputs={"force": lambda e: e.multipliers[0]})
+
+    length = branch.table.parameter
+    np.testing.assert_allclose(branch.table.force, length - length**2 / 2, rtol=0, atol=1e-12)
+    assert branch.table.stable.all()
+    assert not branch.events
+    assert branch.table.smallest_eigenvalue.isna().all()

@@ -256,7 +256,7 @@ def _iterate(
             if residual > noise:
                 raise CorrectionFailed("the KKT matrix is singular to working precision")
             correction = 0.0  # balanced to rounding; Newton's correction has no meaning here
-            done = True
+            done, improvable = True, False
         else:
             dx, dm, dp = newton(evaluation, factors)
             correction = max(float(np.max(np.abs(dx) / size)), abs(dp) / scale)
@@ -268,6 +268,8 @@ def _iterate(
             done = (floor and not contracts) or (
                 correction <= tolerance and (floor or not polish or not contracts)
             )
+            # Where constraints leave nothing free, the multipliers are all that is corrected.
+            improvable = correction > 0.0 or bool(np.any(dm))
         history.append(
             Iteration(
                 number,
@@ -281,7 +283,7 @@ def _iterate(
             )
         )
         if done:
-            if correction > 0.0 and not polish:
+            if improvable and not polish:
                 last = _with_last_correction(
                     family,
                     parameter,
@@ -333,7 +335,7 @@ def _with_last_correction(
 
     None if it would not be better balanced, because rounding errors are all that is left.
     """
-    if structure.max_step(state, dx) < 1.0:
+    if np.any(dx) and structure.max_step(state, dx) < 1.0:
         return None
     if dp != 0.0:
         parameter += dp

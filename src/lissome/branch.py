@@ -260,9 +260,9 @@ class Branch:
     ----------
     table : pandas.DataFrame
         One row for each equilibrium: ``parameter``, ``energy``, ``smallest_eigenvalue`` (of the second
-        variation in the metric; NaN where rounding hides it), ``index`` (number of unstable
-        directions), ``stable``, ``kind`` (``"reported"``, ``"step"`` or ``"event"``), ``arclength``, and
-        the user's outputs.
+        variation in the metric; NaN where rounding hides it, or where the constraints leave nothing
+        free), ``index`` (number of unstable directions), ``stable``, ``kind`` (``"reported"``,
+        ``"step"`` or ``"event"``), ``arclength``, and the user's outputs.
     equilibria : tuple of Equilibrium
         The states of the rows.
     events : tuple of Event
@@ -1467,16 +1467,17 @@ class _Follower:
 
     def _smallest(self, balanced: Balanced, full: Equilibrium) -> tuple[float, bool]:
         """Return the smallest eigenvalue, and whether rounding hides its sign."""
+        factor = balanced.factorization
+        free = factor.n - factor.m - factor.g
+        if free < 1:  # the constraints leave no motion: nothing that could be unstable
+            return math.nan, False
         if self.lowest is not None and balanced.stable:
             warm = lowest_of_stable(balanced, self.lowest)
             if warm is not None:
                 self.lowest = warm[1]
                 return warm[0], warm[0] <= warm[2]
-        count = min(
-            3, balanced.factorization.n - balanced.factorization.m - balanced.factorization.g
-        )
         try:
-            spectrum = smallest_eigenvalue(full, count=max(count, 1))
+            spectrum = smallest_eigenvalue(full, count=min(3, free))
         except (FactorizationError, StabilityNotResolvable, NotConverged):
             return math.nan, False
         self.lowest = spectrum.modes
