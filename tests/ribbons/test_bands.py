@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -243,3 +245,37 @@ def test_other_wrong_bands_are_refused():
 
 def _rod(**options):
     return ls.rods.straight(1.0, 10, ls.rods.Kirchhoff(1.0, 1.0), **options)
+
+
+# ---- an independent solution ---------------------------------------------------------------------
+
+
+def _reference(half_width):
+    """Energy, twist and mid-span strains of the boundary-value problem of the continuous band."""
+    path = Path(__file__).parents[2] / "data" / "moebius-energies.csv"
+    with open(path, newline="") as file:
+        rows = [row for row in csv.DictReader(file) if float(row["half_width"]) == half_width]
+    return {name: float(value) for name, value in rows[0].items()}
+
+
+@pytest.mark.parametrize("half_width", [0.2, 0.5, 0.8, 1.0, 1.5])
+def test_the_discrete_band_converges_to_the_solution_by_collocation(half_width):
+    exact = _reference(half_width)
+    found = []
+    for segments in (151, 301):
+        eq = ls.equilibrate(_band(half_width / math.pi, segments))
+        middle = eq.strains[(segments - 1) // 2]
+        found.append([eq.energy, eq.twist, middle[0], middle[2]])
+    coarse, fine = np.array(found)
+    ratio = (301 / 151) ** 2
+    limit = fine + (fine - coarse) / (ratio - 1)
+    wanted = [exact[k] for k in ("energy", "twist", "middle_bending", "middle_twisting")]
+    assert limit == pytest.approx(wanted, rel=2e-4)
+    assert limit[0] == pytest.approx(exact["energy"], rel=2e-5)
+    assert abs(fine[0] - exact["energy"]) < 0.4 * abs(coarse[0] - exact["energy"])
+
+
+def test_the_narrow_limit_is_that_of_the_continuous_band():
+    law = ribbons.Sadowsky(width=1.0, rigidity=1.0)
+    coarse, fine = (ls.equilibrate(ribbons.band(1.0, n, law)).energy for n in (150, 300))
+    assert fine + (fine - coarse) / 3 == pytest.approx(_reference(0.0)["energy"], rel=1e-5)
