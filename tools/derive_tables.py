@@ -172,10 +172,10 @@ HALF_WIDTHS = ("0", "0.1", "0.2", "0.5", "0.8", "1.0", "1.5")  # of the drawn st
 
 def moebius_rows() -> Iterable[list[str]]:
     """Widths drawn by Starostin and van der Heijden, and some nearer to the limit 1/sqrt(3)."""
-    for text in (*HALF_WIDTHS, "1.6", "1.7", "1.75"):
+    for text in (*HALF_WIDTHS, "1.6", "1.7", "1.75", "1.8"):
         band = moebius.band(float(text) / np.pi)
         middle, ruling = band.strains(0.5), float(band.ruling(0.5))
-        numbers = [band.energy, band.twist, band.writhe(64), middle[0], middle[2], ruling]
+        numbers = [band.energy, band.twist, band.writhe(128), middle[0], middle[2], ruling]
         yield [text, digits(band.width), *(digits(x, 8) for x in (*numbers, *band.load))]
 
 

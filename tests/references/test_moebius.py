@@ -248,3 +248,19 @@ def test_table_of_strains_closes():
         assert np.abs(end[:9].reshape(3, 3)[1:, 1]).max() < 1e-4
         assert end[12] == pytest.approx(energies.loc[half_width, "energy"], rel=2e-4)
         assert end[13] == pytest.approx(energies.loc[half_width, "twist"], abs=2e-5)
+
+
+def test_stored_bands_near_the_triangle():
+    """Energy grows without bound, twist tends to a quarter, folds cross the middle at 30 degrees."""
+    table = literature.load("moebius-energies").frame.set_index("half_width")
+    near = table.loc[[1.6, 1.7, 1.75, 1.8]]
+    room = WIDEST - near["width"].to_numpy()
+    # energy ~ c/room: the product is smooth, so that neighbors extrapolate to the same c
+    product = near["energy"].to_numpy() * room
+    limit = product[1:] - np.diff(product) / np.diff(room) * room[1:]
+    assert np.all(np.diff(product) < 0)
+    assert np.ptp(limit[1:]) < 0.005 * limit[-1]
+    assert np.all(np.diff(np.abs(near["twist"].to_numpy() - 0.25)) < 0)
+    # rulings of the middle fold: tan(30 degrees) = 0.577 from the direction across
+    assert np.all(np.diff(np.abs(near["middle_ruling"].to_numpy() + 1 / np.sqrt(3))) < 0)
+    assert near["middle_ruling"].iloc[-1] == pytest.approx(-1 / np.sqrt(3), abs=0.01)
