@@ -355,6 +355,7 @@ class History:
                     "uncertainty": e.uncertainty,
                     "energy_released": e.energy_released,
                     "row": e.row,
+                    "kind": e.kind,
                 }
                 for e in self.events
             ],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lissome as ls
-from lissome.errors import InvalidInput
+from lissome.errors import DataError, InvalidInput
 from lissome.plates import (
     Conduction,
     Defect,
@@ -107,6 +107,75 @@ def test_the_sheet_snaps_with_its_stiff_film_down_and_not_turned_over():
     assert min(rise(e) for e in turned.equilibria) > 0
 
 
+@pytest.fixture(scope="module")
+def thin():
+    """A square of 7 mm with its stiff film up: the dome deepens and loses its symmetry."""
+    sheet = film_laminate(("soft", "soft", "stiff"), soft_width=12.0, stiff_width=25.0)
+    return heated(sheet, length=7e-3, until=0.5)
+
+
+def symmetries(w):
+    """The motions of the square that leave a deflection as it is."""
+    place = MESH.p.T
+    found = set()
+    for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        for mirror in (1, -1):
+            turn = np.array([[a, -b], [b, a]]) @ np.diag([1, mirror])
+            image = np.argmin(np.linalg.norm(place[:, None] - (place @ turn)[None], axis=2), axis=1)
+            if np.max(np.abs(w[image] - w)) < 1e-4 * np.ptp(w):
+                found.add((a, b, mirror))
+    return found
+
+
+def test_a_thin_square_loses_its_symmetry_gently_and_goes_on(thin):
+    history = thin.run(until=0.45, step=0.05)
+    (event,) = history.events
+    assert event.kind == "loss of symmetry"
+    before, after = (symmetries(e.deflection) for e in (event.before, event.after))
+    assert after < before
+    assert event.after.stable
+    assert all(e.stable for e in history.equilibria)
+    # A bifurcation: nothing jumps, and the symmetric state of that time is a saddle above.
+    assert rise(event.after) == pytest.approx(rise(event.before), rel=0.05)
+    plate = thin.structure(0.45)
+    symmetric = ls.equilibrate(plate, event.before.state, require="any")
+    assert symmetric.index == 1
+    assert history.equilibrium.energy < symmetric.energy
+    # The eigenvalue that vanishes is linear in time: its sign changes where the event is.
+    for time, index in ((event.time - 0.006, 0), (event.time + 0.006, 1)):
+        state = ls.equilibrate(thin.structure(time), event.before.state, require="any")
+        assert state.index == index
+
+
+def test_an_interrupted_run_goes_on_from_its_checkpoint(thin, tmp_path):
+    path = tmp_path / "run.npz"
+    whole = thin.run(until=0.3, step=0.05, start=0.1)
+
+    def give_up(time, memory, equilibrium):
+        if time > 0.19:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        thin.run(until=0.3, step=0.05, start=0.1, checkpoint=path, stop_when=give_up)
+    calls = []
+    resumed = thin.run(
+        until=0.3, step=0.05, start=0.1, checkpoint=path,
+        stop_when=lambda time, memory, equilibrium: calls.append(time),
+    )  # fmt: skip
+    assert min(calls) > 0.2  # nothing is done twice
+    assert resumed.times == pytest.approx(whole.times)
+    for a, b in zip(resumed.equilibria, whole.equilibria, strict=True):
+        assert a.energy == pytest.approx(b.energy, rel=1e-8)
+    assert len(thin.run(until=0.3, step=0.05, start=0.1, checkpoint=path)) == len(whole)
+    with pytest.raises(InvalidInput, match="begins at"):
+        thin.run(until=0.3, step=0.05, start=0.15, checkpoint=path)
+    with pytest.raises(InvalidInput, match="outputs"):
+        thin.run(until=0.3, step=0.05, start=0.1, checkpoint=path, outputs={"t": lambda *a: 0.0})
+    path.write_bytes(b"not an archive")
+    with pytest.raises(DataError):
+        thin.run(until=0.3, step=0.05, start=0.1, checkpoint=path)
+
+
 def test_the_time_is_a_parameter_that_a_branch_can_follow():
     sample = heated(film_laminate(soft_width=12.0, stiff_width=25.0), length=1e-3)
     branch = ls.follow(sample.structure, start=0.1, stop=0.5)
@@ -130,8 +199,8 @@ def test_bad_input():
         HeatedPlate(MESH, sheet, Defect(), heat, length=0.0)
     with pytest.raises(InvalidInput, match="within the history"):
         good.run(until=0.6, step=0.1)
-    with pytest.raises(InvalidInput, match="unknown options"):
-        good.run(until=0.4, step=0.1, stepp=0.1)
+    with pytest.raises(InvalidInput, match="`max_steps`"):
+        good.run(until=0.4, step=0.1, max_steps=0)
     with pytest.raises(InvalidInput, match="`step`"):
         good.run(until=0.4, step=0.0)
     with pytest.raises(InvalidInput, match="run it for longer"):

@@ -6,16 +6,21 @@ stable equilibrium with the spontaneous strain and curvature of that instant, un
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from .._validate import finite, positive
-from ..equilibrium import equilibrate
+from numpy.typing import ArrayLike
+
+from .._validate import finite, finite_array, integer_at_least, positive
+from ..equilibrium import Equilibrium, equilibrate
 from ..errors import InvalidInput
-from ..evolution import History, evolve
+from ..evolution import History, Outputs
+from ._quasistatic import PlateRun
 from .directors import Defect, Director, require_inside
-from .fvk import Plate
+from .fvk import Plate, PlateState
 from .heat import TemperatureHistory
 from .laminate import Laminate, Spontaneous
 
@@ -123,64 +128,112 @@ class HeatedPlate:
         """Return the time one step later: what the heat does is known beforehand."""
         return memory + step
 
+    @property
+    def last(self) -> float:
+        """The last scaled time of the history of temperature."""
+        return float(self.temperature.times[-1] / self.temperature.problem.time_scale)
+
     def run(
         self,
         until: float,
         step: float,
         *,
         start: float | None = None,
-        **options: Any,
+        initial: Equilibrium | PlateState | None = None,
+        report_at: ArrayLike | None = None,
+        outputs: Outputs | None = None,
+        stop_when: Callable[[float, Any, Equilibrium], str | None] | None = None,
+        sign: int = 1,
+        time_tolerance: float | None = None,
+        max_change: float = 0.25,
+        max_steps: int = 100_000,
+        checkpoint: str | os.PathLike[str] | None = None,
     ) -> History:
-        """Follow the plate in time, through its snaps.
+        """Follow the plate in time, through its bifurcations and snaps.
 
         Parameters
         ----------
         until : float
             Last scaled time, within the history of temperature.
         step : float
-            Scaled time step.
+            Scaled time step, at most.
         start : float, optional
             First scaled time, at which the equilibrium near the flat plate is taken; `step` by
             default. Before heat has come in the flat plate is all there is.
-        **options
-            Any of `report_at`, `outputs`, `stop_when`, `sign`, `time_tolerance`, `max_change` and
-            `max_steps` of :func:`lissome.evolve`.
+        initial : Equilibrium or PlateState, optional
+            From where to look for that first equilibrium, instead of the flat plate.
+        report_at, outputs, stop_when, max_steps
+            See :func:`lissome.evolve`.
+        sign : int
+            +1 or -1: side of the critical mode that is tried first where a symmetry is lost.
+        time_tolerance : float, optional
+            Length of the bracket of an event; by default 1e-4 of `step`.
+        max_change : float
+            Largest change of an unknown (relative to its typical size) in a step.
+        checkpoint : path, optional
+            File to which the history is written after every step, all or nothing. If it is there
+            already, the run goes on from its end: an interrupted run loses nothing.
 
         Returns
         -------
         History
-            Of :class:`.PlateEquilibrium`; its snaps are in ``events``, with the energy released.
+            Of :class:`.PlateEquilibrium`. Its ``events`` are of the kind "snap", with the energy
+            released, or "loss of symmetry": a bifurcation from which the stable states depart
+            gradually. Beyond one the run goes on a little later (2 % of `step` or more), where they
+            can be told apart; a time of `report_at` in between has no row.
 
         Raises
         ------
         InvalidInput
-            If a time lies outside the history of temperature, or an option is unknown.
+            If a time lies outside the history of temperature, or the checkpoint is that of another
+            run.
         EvolutionInterrupted
-            If the plate cannot be followed; what was found is attached. It happens to thin plates of
-            perfect symmetry, which lose it at gentle bifurcations: the states beyond can hardly be
-            told apart.
+            If the plate cannot be followed; what was found is attached.
+        DataError
+            If the checkpoint is damaged, or its states are no equilibria of this plate.
         """
-        known = {
-            "report_at", "outputs", "stop_when", "sign", "time_tolerance", "max_change", "max_steps",
-        }  # fmt: skip
-        if set(options) - known:
-            raise InvalidInput(
-                f"unknown options {sorted(set(options) - known)}; known are {sorted(known)}"
-            )
         first = positive("step", step) if start is None else positive("start", start)
-        end = float(self.temperature.times[-1] / self.temperature.problem.time_scale)
-        if not first < finite("until", until) <= end * (1.0 + 1e-12):
+        if not first < finite("until", until) <= self.last * (1.0 + 1e-12):
             raise InvalidInput(
-                f"argument `until` is {until!r}; it must lie in ({first:g}, {end:g}]: after the first "
-                "time, and within the history of temperature"
+                f"argument `until` is {until!r}; it must lie in ({first:g}, {self.last:g}]: after the "
+                "first time, and within the history of temperature"
             )
-        return evolve(
-            self,
-            first,
-            equilibrate(self.structure(first)),
-            until,
-            step,
-            time=first,
-            corrections=0,
-            **options,
-        )
+        earlier: History | None = None
+        if checkpoint is not None and os.path.exists(checkpoint):
+            earlier = History.load(checkpoint, self, 0.0)
+            if set(earlier.values) != set(outputs or {}):
+                raise InvalidInput(
+                    f"argument `checkpoint`: {checkpoint} holds the outputs {sorted(earlier.values)}; "
+                    f"this run has {sorted(outputs or {})}"
+                )
+            if abs(float(earlier.times[0]) - first) > 1e-12:
+                raise InvalidInput(
+                    f"argument `checkpoint`: {checkpoint} holds a run that begins at "
+                    f"{earlier.times[0]:.10g}, not at {first:.10g}; name another file, or delete it"
+                )
+            if earlier.time >= until:
+                return earlier
+            first, begin = earlier.time, earlier.equilibrium
+        else:
+            plate = self.structure(first)
+            guess = initial.state if isinstance(initial, Equilibrium) else initial
+            begin = equilibrate(plate, guess, require="stable")
+        run = PlateRun(
+            evolving=self, until=float(until), step=positive("step", step),
+            outputs=dict(outputs or {}), corrections=0, tolerance=None,
+            time_tolerance=(
+                1e-4 * step if time_tolerance is None else positive("time_tolerance", time_tolerance)
+            ),
+            max_change=positive("max_change", max_change), sign=sign, stop_when=stop_when,
+            max_steps=integer_at_least("max_steps", max_steps, 1),
+            reports=None if report_at is None else _within(report_at, first, earlier),
+            march=None, checkpoint=checkpoint, earlier=earlier,
+        )  # fmt: skip
+        run.begin(first, begin, first)
+        history = run.run()
+        return history if earlier is None else earlier.joined(history)
+
+
+def _within(report_at: ArrayLike, first: float, earlier: History | None) -> Any:
+    times = finite_array("report_at", report_at, (None,))
+    return times if earlier is None else times[times >= first]
