@@ -1,0 +1,65 @@
+"""A strip between clamps that is pushed together and sheared: its pitchfork, and where that leads."""
+
+import numpy as np
+import pytest
+
+import lissome as ls
+from lissome import rods
+from lissome.references import clamped_ribbon as continuum
+
+FRAME = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+THICKNESS, NU = 0.01, 0.5
+
+
+def sheared(law, segments):
+    strip = rods.straight(1.0, segments, law, tangent=(1, 0, 0), director=(0, 1, 0))
+    strip = strip.clamped("start", (0, 0, 0), FRAME)
+    return lambda shear: strip.clamped("end", (0.75, shear, 0.0), FRAME)
+
+
+def law_of(width, stretches):
+    young = 12.0 / (width * THICKNESS**3)
+    if stretches:
+        return rods.SanoWada.from_geometry(width, THICKNESS, young, poisson_ratio=NU)
+    return rods.Kirchhoff.rectangle(
+        width, THICKNESS, young, poisson_ratio=NU, torsion_constant=width * THICKNESS**3 / 3
+    )
+
+
+@pytest.mark.parametrize(("width", "stretches"), [(1 / 20, True), (1 / 6, False)])
+def test_pitchfork_is_that_of_the_continuous_strip(width, stretches):
+    places = []
+    for segments in (44, 88):
+        family = sheared(law_of(width, stretches), segments)
+        found = ls.follow(family, 0.0, 0.5, on_fold="stop", eigenvalues=False)
+        assert found.events[0].kind == "bifurcation"
+        places.append(found.events[0].parameter)
+    limit = (4 * places[1] - places[0]) / 3
+    ribbon = continuum.Ribbon.of(width, THICKNESS, NU, stretches=stretches)
+    near = continuum.moved(continuum.arch(ribbon, 0.25, elements=16), "shear", limit - 0.02)
+    critical, _ = continuum.pitchfork(near, "shear", limit + 0.02, step=0.04)
+    assert limit == pytest.approx(critical.clamps.shear, abs=3e-5)
+
+
+def test_crossing_branch_leads_to_the_flat_state():
+    """Both pitchforks lie on one loop; the flat state loses its stability where it is joined."""
+    family = sheared(law_of(1 / 12, True), 44)
+    outputs = {"height": lambda e: e.positions[22, 2]}
+    options = {"eigenvalues": False, "on_fold": "stop"}
+    arch = ls.follow(family, 0.0, 0.5, outputs=outputs, **options)
+    crossing = arch.switch(arch.events[0], stop=0.5, bounds=(0.0, 0.5), on_fold="stop")
+    assert crossing.table.stable.all()  # supercritical
+    assert abs(crossing.table.height.iloc[-1]) < 1e-3
+    far = ls.equilibrate(family(0.5), crossing.equilibria[-1].state)
+    back = ls.follow(family, 0.5, 0.0, initial=far, outputs=outputs, **options)
+    assert back.events[0].kind == "bifurcation"
+    assert abs(back.table.height).max() < 1e-8
+    assert back.events[0].parameter == pytest.approx(crossing.events[0].parameter, abs=1e-6)
+
+
+def test_ribbon_without_twist_knows_no_width():
+    """Unsheared, the arch bends only: the same for every law with the same easy bending."""
+    shapes = [ls.equilibrate(sheared(law_of(w, s), 44)(0.0)).positions
+              for w, s in ((0.05, True), (0.2, True), (0.1, False))]  # fmt: skip
+    assert np.allclose(shapes[0], shapes[1], atol=1e-10)
+    assert np.allclose(shapes[0], shapes[2], atol=1e-10)
