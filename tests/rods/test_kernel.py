@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lissome.rods import Kirchhoff, Rod, RodState
+from lissome.rods import FunctionLaw, Kirchhoff, Rod, RodState
 from lissome.rods import _kernel as kernel
 from lissome.rods.quaternions import exponential, multiply
 
@@ -41,6 +41,31 @@ def test_first_and_second_variation_of_the_strain_by_sympy():
     assert sp.expand(second - blocks) == 0
 
 
+def coupled_energy(k):
+    """Energy density of bending, twist and stretch, all coupled, and not quadratic."""
+    a = np.array(
+        [
+            [1.0, 0.1, 0.2, 0.7],
+            [0.1, 2.0, -0.1, -0.4],
+            [0.2, -0.1, 1.5, 2.0],
+            [0.7, -0.4, 2.0, 30.0],
+        ]
+    )
+    stress = k @ a
+    energy = 0.5 * np.sum(stress * k, axis=1) + 0.3 * k[:, 3] ** 2 * k[:, 2] ** 2
+    stress[:, 2] += 0.6 * k[:, 3] ** 2 * k[:, 2]
+    stress[:, 3] += 0.6 * k[:, 3] * k[:, 2] ** 2
+    stiffness = np.tile(a, (len(k), 1, 1))
+    stiffness[:, 2, 2] += 0.6 * k[:, 3] ** 2
+    stiffness[:, 3, 3] += 0.6 * k[:, 2] ** 2
+    stiffness[:, 2, 3] += 1.2 * k[:, 3] * k[:, 2]
+    stiffness[:, 3, 2] = stiffness[:, 2, 3]
+    return energy, stress, stiffness
+
+
+FOUR = ("curvature_1", "curvature_2", "twist", "stretch")
+
+
 def rods():
     rng = np.random.default_rng(1)
     lengths = 0.1 + 0.3 * rng.random(SEGMENTS)
@@ -50,6 +75,9 @@ def rods():
     open_rod = Rod(law, lengths, natural)
     soft = Rod(law, lengths, natural, stretching=30.0)
     ring = Rod(law, lengths, natural, closed=True, joint=0.7)
+    coupled = FunctionLaw(coupled_energy, strains=FOUR)
+    cord = Rod(coupled, lengths, natural)
+    cord_ring = Rod(coupled, lengths, natural, closed=True, joint=0.7)
     soft_ring = Rod(law, lengths, natural, closed=True, joint=0.7, stretching=20.0)
     return {
         "free": open_rod,
@@ -75,6 +103,14 @@ def rods():
         "couples": open_rod.pinned("start").loaded(
             end=[1, 0, 2], arm=[0.1, 0.2, 0], couples={2: ([0, 1, 1], [0, 0.3, 0.1])}
         ),
+        "cord": cord,
+        "pulled cord": cord.clamped("start").loaded(end=[1, 2, 3]),
+        "hinged cord": cord.hinged("start", axis=[1, 2, 0.5])
+        .clamped(4, (0.1, 0, 0.5), turned)
+        .clamped("end", kind="two-node"),
+        "cord of angles": Rod(coupled, lengths, natural, measure="angle").clamped("start"),
+        "cord ring": cord_ring,
+        "loaded cord ring": cord_ring.pinned(2).loaded(nodes={5: [0, 1, 0], 2: [0, 0, 3]}),
         "ring": ring,
         "loaded ring": soft_ring.pinned(2).loaded(nodes={5: [0, 1, 0], 2: [0, 0, 3]}),
         "extensible ring": soft_ring,
@@ -84,7 +120,7 @@ def rods():
 
 def somewhere(rod, seed=0):
     rng = np.random.default_rng(seed)
-    stretches = None if rod.stretching is None else 1 + 0.1 * rng.random(SEGMENTS)
+    stretches = None if not rod.extensible else 1 + 0.1 * rng.random(SEGMENTS)
     frames = exponential(0.7 * rng.normal(size=(SEGMENTS, 3)))
     state = rod.adopt(RodState(frames, rng.normal(size=3), stretches))
     return rod.retract(state, 0.1 * rng.normal(size=rod.size)), rng

@@ -17,6 +17,7 @@ from .._validate import one_of
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning
 from . import _kernel, results
+from ._cells import Coupling, couple
 from .measures import CODES, pull_back_all
 from .quaternions import rotate, to_directors
 from .results import Crossings
@@ -117,8 +118,18 @@ class RodEquilibrium(Equilibrium):
         return self.structure.strain_densities(self.state)
 
     @cached_property
+    def _coupling(self) -> Coupling | None:
+        layout = self.structure.layout
+        if layout.cells is None:
+            return None
+        excess = self.strains - layout.plan.natural
+        return couple(layout.cells, excess, layout.plan.span, self.state.stretches, 1)
+
+    @cached_property
     def _law_values(self) -> tuple[Array, Array]:
         layout = self.structure.layout
+        if self._coupling is not None:
+            return self._coupling.values, self._coupling.stress
         energy, stress, _ = layout.law.evaluate(self.strains - layout.plan.natural, 1)
         return np.asarray(energy), np.array(stress)
 
@@ -150,12 +161,13 @@ class RodEquilibrium(Equilibrium):
 
     @property
     def bending_energy(self) -> float:
-        """Energy of the hinges: of bending and twisting."""
-        return float(self.structure.layout.plan.span @ self._law_values[0])
+        """Energy of the hinges: of bending and twisting, and of stretching if that is in the law."""
+        ends = 0.0 if self._coupling is None else self._coupling.energy
+        return float(self.structure.layout.plan.span @ self._law_values[0]) + ends
 
     @property
     def stretching_energy(self) -> float:
-        """Energy of stretching; 0 of an inextensible rod."""
+        """Energy of stretching; 0 of an inextensible rod, and where the law has it."""
         rod = self.structure
         if rod.stretching is None:
             return 0.0

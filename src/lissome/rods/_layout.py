@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidInput
 from ..factorization import ChainLayout
 from . import _kernel
+from ._cells import Cells, make_cells
 from .quaternions import conjugate, rotate
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ class Layout:
     plan: _kernel.Plan
     law: Any
     evaluate_into: Any  # of a compiled law
+    cells: Cells | None  # of a law in which the stretch takes part
     fixed: Array  # frames of supports, (S, 4); hinged ones at the angle zero
     turning_axes: Array  # spatial axes of the hinged ones
     anchors: tuple[tuple[int, float] | None, ...]  # by component: node and position
@@ -123,7 +125,7 @@ def key_of(rod: Rod) -> tuple[Any, ...]:
         (s.node, s.kind, s.clamp, s.frame is None, tuple(v is None for v in s.position))
         for s in rod.supports
     )
-    return rod.closed, rod.joint, rod.stretching is None, supports, rod.held, rod.pinned_phase
+    return rod.closed, rod.joint, rod.extensible, rod.coupled, supports, rod.held, rod.pinned_phase
 
 
 def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
@@ -168,7 +170,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
 
     # unknowns: segments in the band; the first segment of a ring, stretches of a held one and the
     # angles of hinged supports in the border
-    extensible = rod.stretching is not None
+    extensible = rod.extensible
     per = 4 if extensible else 3
     in_border = rod.closed and not rod.held
     column = np.full(count + len(frames), -1, dtype=np.int64)
@@ -253,7 +255,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
         chain=ChainLayout(length, np.arange(place), np.arange(place, place + m), border),
         length=length,
         first_angle=first_angle,
-        width=6 if extensible else 5,
+        width=7 if rod.coupled else 6 if extensible else 5,
         border=border,
         metric=metric,
         segment_of=segment_of,
@@ -306,7 +308,13 @@ def derive(rod: Rod) -> Layout:
     ).reshape(-1, 7)
     varies = getattr(rod.law, "count", None) is not None
     law = rod.law.at(skeleton.nodes) if varies else rod.law
-    compiled = getattr(law, "kernel", None) is not None
+    compiled = getattr(law, "kernel", None) is not None and not rod.coupled
+    cells = None
+    if rod.coupled:
+        held = {s.node for s in frames} | ({0, count} if rod.closed else set())
+        cells = make_cells(
+            rod.law, rod.lengths, skeleton.left, skeleton.right, skeleton.nodes, held
+        )
     plan = _kernel.Plan(
         left=skeleton.left,
         right=skeleton.right,
@@ -327,13 +335,16 @@ def derive(rod: Rod) -> Layout:
         moments=moments,
         length=skeleton.length,
         first_angle=skeleton.first_angle,
-        stiffness=-1.0 if rod.stretching is None else float(rod.stretching),
+        stiffness=(0.0 if rod.coupled else -1.0)
+        if rod.stretching is None
+        else float(rod.stretching),
     )
     return Layout(
         skeleton=skeleton,
         plan=plan,
         law=law,
         evaluate_into=law.evaluate_into if compiled else None,
+        cells=cells,
         fixed=fixed,
         turning_axes=axes,
         anchors=tuple(anchors),
@@ -425,7 +436,7 @@ def _dead_forces(forces: Array, anchors: tuple[int | None, ...]) -> Array:
 
 def check_reach(rod: Rod) -> None:
     """Refuse supports farther from each other than an inextensible rod is long."""
-    if rod.stretching is not None:
+    if rod.extensible:
         return
     for i, a in enumerate(rod.supports):
         for b in rod.supports[:i]:

@@ -154,7 +154,7 @@ def _without_loads(plan: _kernel.Plan) -> _kernel.Plan:
 def _softer(rod: Rod) -> int:
     """Return the director about which the rod bends more easily: 0 or 1."""
     layout = rod.layout
-    stiffness = layout.law.evaluate(np.zeros((layout.nodes.size, 3)), 2)[2]
+    stiffness = layout.law.evaluate(np.zeros((layout.nodes.size, len(layout.law.strains))), 2)[2]
     return int(np.argmin(np.mean(stiffness[:, [0, 1], [0, 1]], axis=0)))
 
 

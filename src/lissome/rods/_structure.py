@@ -18,11 +18,13 @@ from ..errors import InvalidInput, LissomeWarning
 from ..factorization import ChainKKT
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel, results
+from ._cells import add_coupling, couple
 from ._corrector import fast_correction
 from ._equilibrium import RodEquilibrium
 from ._layout import Layout, derive, plane_normal
 from ._neutral import neutral_rotations
 from ._starts import reach_supports
+from .laws import ROD_STRAINS
 from .loads import Distributed, Loads
 from .measures import CODES, MEASURES, measure_all, pull_back_all, rotation_from_strain
 from .quaternions import conjugate, exponential, logarithm, multiply, rotate
@@ -124,7 +126,8 @@ class Rod(BaseStructure):
     Parameters
     ----------
     law : Law
-        Energy per unit length as a function of the strain densities.
+        Energy per unit length as a function of the strain densities curvature_1, curvature_2, twist
+        and, if it has four strains, of the stretch.
     lengths : array_like, shape (N,)
         Rest lengths of the segments.
     natural : array_like, shape (N + 1, 3), optional
@@ -141,7 +144,8 @@ class Rod(BaseStructure):
         See :meth:`loaded`.
     stretching : float, optional
         Stretching stiffness EA: energy :math:`\tfrac12 EA\,\ell\,[(e^2 - 1)/2]^2` of a segment whose
-        length is e times its rest length (4.17). None (default): inextensible.
+        length is e times its rest length (4.17). None (default): inextensible, unless the law has a
+        fourth strain, the stretch :math:`(e^2 - 1)/2`: then it says how stiff the rod is.
     measure : str
         Measure of the rotation across a hinge.
     phase : int or None
@@ -190,6 +194,7 @@ class Rod(BaseStructure):
             raise InvalidInput(f"argument `joint` is {self.joint:g}; only a closed rod has a joint")
         if self.stretching is not None:
             object.__setattr__(self, "stretching", positive("stretching", self.stretching))
+            _check_stretching(self.law, self.stretching)
         one_of("measure", self.measure, MEASURES)
         if self.phase is not None:
             object.__setattr__(self, "phase", integer_at_least("phase", self.phase, 2))
@@ -446,6 +451,8 @@ class Rod(BaseStructure):
     def with_law(self, law: Any) -> Rod:
         """Return this rod of another material."""
         _check_law(law, self.lengths.size)
+        if self.stretching is not None:
+            _check_stretching(law, self.stretching)
         return self._with(law=law)
 
     def with_natural(
@@ -551,6 +558,16 @@ class Rod(BaseStructure):
         """Whether the first segment is held, to remove the rigid motions of a free closed rod."""
         return self.closed and not self.supports and self.loads.empty
 
+    @property
+    def coupled(self) -> bool:
+        """Whether the stretch is a strain of the law."""
+        return len(self.law.strains) == 4
+
+    @property
+    def extensible(self) -> bool:
+        """Whether segments change their length."""
+        return self.stretching is not None or self.coupled
+
     @cached_property
     def pinned_phase(self) -> int | None:
         """Number of lobes whose place is pinned; None where nothing is."""
@@ -653,7 +670,7 @@ class Rod(BaseStructure):
             for segment, index in layout.segment_of.items():
                 quaternions[segment] = layout.fixed[index]
         stretches = state.stretches
-        if self.stretching is None or layout.segment_of:
+        if not self.extensible or layout.segment_of:
             stretches = np.where(layout.plan.stretch_column < 0, 1.0, stretches)
         origin = np.array(state.origin)
         if any(a is not None for a in layout.anchors):
@@ -766,7 +783,8 @@ class Rod(BaseStructure):
             return False
         n = layout.nodes.size
         rng = np.random.default_rng(7)
-        strains = rng.normal(size=(3, n, 3)) / np.max(layout.plan.span)
+        strains = rng.normal(size=(3, n, len(layout.law.strains)))
+        strains[:, :, :3] /= np.max(layout.plan.span)
         strains *= np.array([1e-3, 1e-2, 1e-1])[:, None, None]
         for k in strains:
             plain = layout.law.evaluate(k, 0)[0]
@@ -775,7 +793,8 @@ class Rod(BaseStructure):
                 turned = np.stack(
                     [c * k[:, 0] - s * k[:, 1], s * k[:, 0] + c * k[:, 1], k[:, 2]], 1
                 )
-                energy = layout.law.evaluate(np.ascontiguousarray(turned), 0)[0]
+                turned = np.column_stack([turned, k[:, 3:]])
+                energy = layout.law.evaluate(turned, 0)[0]
                 if not np.allclose(energy, plain, rtol=1e-12, atol=0.0):
                     return False
         return True
@@ -811,7 +830,11 @@ class Rod(BaseStructure):
         values: Array
         stress: Array
         stiffness: Array
-        if layout.evaluate_into is not None:
+        coupling = None
+        if layout.cells is not None:
+            coupling = couple(layout.cells, excess, plan.span, state.stretches, order)
+            values, stress, stiffness = coupling.values, coupling.stress, coupling.stiffness
+        elif layout.evaluate_into is not None:
             values = np.empty(n)
             stress = np.empty((n if first else 0, 3))
             stiffness = np.empty((n if second else 0, 3, 3))
@@ -827,6 +850,15 @@ class Rod(BaseStructure):
             stiffness = stiffness / share if second else stiffness
             pull_back_all(CODES[self.measure], q, stress, stiffness, order)
             stiffness = stiffness * share if second else stiffness
+            if coupling is not None and second:
+                assert layout.cells is not None
+                pull_back_all(
+                    CODES[self.measure],
+                    q[layout.cells.hinge],
+                    coupling.mixed,
+                    np.zeros((0, 3, 3)),
+                    1,
+                )
         total = plan.length + layout.border
         gradient = np.empty(total if first else 0)
         band = np.empty((plan.length if second else 0, layout.width + 1))
@@ -837,6 +869,14 @@ class Rod(BaseStructure):
             frames, np.array(state.stretches), np.array(state.angles), q, values, stress,
             stiffness, plan, np.array(multipliers), gradient, band, border, corner, constraints, order,
         )  # fmt: skip
+        if coupling is not None:
+            assert layout.cells is not None
+            energy += coupling.energy
+            if first:
+                add_coupling(
+                    plan, layout.cells, coupling, q, state.stretches, gradient, band, border, corner,
+                    order,
+                )  # fmt: skip
         if layout.net_force is not None:
             energy -= float(layout.net_force @ self._fixed_position(state))
         if order == 0:
@@ -931,14 +971,22 @@ def _rotation_of(density: Array, spans: Array, measure: str) -> Array:
 
 def _check_law(law: Any, count: int) -> None:
     strains = tuple(getattr(law, "strains", ()))
-    if strains != ("curvature_1", "curvature_2", "twist"):
+    if strains not in (ROD_STRAINS, (*ROD_STRAINS, "stretch")):
         raise InvalidInput(
             f"argument `law` is {law!r}; a rod needs a law of the strains curvature_1, curvature_2 and "
-            "twist, such as rods.Kirchhoff"
+            "twist, such as rods.Kirchhoff, or of these and stretch"
         )
     rows = getattr(law, "count", None)
     if rows is not None and rows != count + 1:
         raise InvalidInput(f"argument `law` holds values for {rows} nodes; the rod has {count + 1}")
+
+
+def _check_stretching(law: Any, stretching: float) -> None:
+    if len(law.strains) == 4:
+        raise InvalidInput(
+            f"argument `stretching` is {stretching:g}, but the stretch is a strain of the law, which "
+            "says how stiff the rod is; leave `stretching` out"
+        )
 
 
 def _check_state(name: str, state: Any, count: int) -> RodState:

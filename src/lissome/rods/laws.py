@@ -11,6 +11,9 @@ the directors d1 and d2, twist about d3. The width of a strip lies along d1, its
 ``curvature_1`` is the easy bending, as in (4.30), (4.35), (4.40). (4.41) of the thesis has the width
 along d2; its :math:`\kappa_1,\kappa_2` are ``curvature_2`` and ``curvature_1`` here.
 
+A law may have a fourth strain, ``"stretch"``: :math:`(e^2 - 1)/2` of a piece whose length is e times its
+rest length (4.17). The rod is then extensible, and stretch may be coupled with bending and twist.
+
 **What a law is.** Any object with
 
 * ``strains``: the names of its k strains;
