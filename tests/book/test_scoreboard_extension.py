@@ -75,6 +75,14 @@ Those that wait for data:
 
 See {ref}`the unit <erratum-stretching-modulus-unit>`.
 """
+# what the errata of that chapter link to
+FIRST += "".join(
+    f"\n({label})=\n## {label}\n"
+    for label in sorted(
+        {text.partition("#")[2] for text in literature.load("errata").columns["evidence"]}
+    )
+    if label.startswith("sec-leap-")
+)
 CHAPTER = (
     NOTEBOOK
     + """# Chapter
