@@ -14,7 +14,7 @@ from lissome._datapackage import Descriptor
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "data"
 # Scales of a problem that stand where a unit would: they mean nothing to a table of units.
-SCALES = {"L", "1/L", "L/(2 pi)", "2 pi/L", "B/L^2", "B/L^3", "decay time"}
+SCALES = {"L", "1/L", "L/(2 pi)", "2 pi/L", "B/L^2", "B/L^3", "D w/L", "D w/L^2", "decay time"}
 
 
 def facts():
