@@ -90,3 +90,22 @@ def test_states_are_saved_and_loaded(tmp_path):
     ls.structure.save_state(tmp_path / "state.npz", state)
     again = ls.structure.load_state(tmp_path / "state.npz", ribbons.RibbonState)
     assert np.array_equal(ribbon.difference(state, again), np.zeros(ribbon.size))
+
+
+def test_long_chains_have_the_same_matrix(monkeypatch):
+    from lissome.ribbons import _structure
+
+    ribbon = ribbons.band(1.0, 30, WUNDERLICH, 1).loaded(nodes={3: (1, 0, 0), 9: (-1, 0, 0)})
+    rng = np.random.default_rng(1)
+    state = ribbon.retract(ribbon.adopt(ribbon.rod.initial), 0.1 * rng.normal(size=ribbon.size))
+    multipliers = rng.normal(size=ribbon.constraints_count)
+    chain = ribbon.evaluate(state, multipliers, 2).kkt
+    monkeypatch.setattr(_structure, "LONG", 2)
+    long = ribbon.evaluate(state, multipliers, 2).kkt
+    assert type(long) is not type(chain)
+    dx, dm = rng.normal(size=ribbon.size), rng.normal(size=ribbon.constraints_count)
+    for one, other in zip(chain.apply(dx, dm), long.apply(dx, dm), strict=True):
+        assert one == pytest.approx(other, abs=1e-10)
+    metric = ribbon.metric(state)
+    factors = [kkt.factorize(1e3, ribbon.gauge(state), metric) for kkt in (chain, long)]
+    assert factors[0].inertia == factors[1].inertia

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import spsolve
 from .._validate import finite, finite_array, one_of
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning
-from ..factorization import ChainKKT
+from ..factorization import ChainKKT, SparseKKT
 from ..rods import Rod, RodState
 from ..rods import _kernel as rod_kernel
 from ..rods._corrector import fast_correction
@@ -35,7 +35,12 @@ SCHEMES = ("staggered", "nodal")
 JOINTS = ("matched", "free")
 
 
-class _RibbonKKT(ChainKKT):
+#: Number of hinges from which the chain is factored by nested dissection: pivots that a longer chain
+#: delays pile up, and its cost is no longer linear.
+LONG = 600
+
+
+class _KnowsMoments:
     """The KKT matrix of a ribbon, which knows how large moments are in a ribbon free of stress.
 
     Moments about d2 and d3 are multipliers. Where they vanish, rounding errors of the bending moment are
@@ -48,7 +53,34 @@ class _RibbonKKT(ChainKKT):
         """Return the sizes of the terms that `apply` sums; if all of `dx` is positive, typical ones."""
         if dx.size and float(dx.min()) > 0.0:
             dmultipliers = np.maximum(np.abs(dmultipliers), self.least)
-        return super().magnitude(dx, dmultipliers)
+        result: tuple[Array, Array] = super().magnitude(dx, dmultipliers)  # type: ignore[misc]
+        return result
+
+
+class _RibbonKKT(_KnowsMoments, ChainKKT):
+    """The bordered band."""
+
+
+class _LongKKT(_KnowsMoments, SparseKKT):
+    """The same matrix, for long chains."""
+
+
+def _sparse(band: Array, border: Array, corner: Array, chain: Any) -> _LongKKT:
+    """Return the matrix of a bordered band as a sparse one."""
+    length, width = band.shape
+    rows = np.arange(length)[:, None] + np.arange(width)
+    columns = np.broadcast_to(np.arange(length)[:, None], rows.shape)
+    kept = (rows < length) & ((band != 0.0) | (rows == columns))
+    at, far = np.nonzero(border)
+    low, left = np.nonzero(np.tril(corner))
+    entries = np.concatenate([band[kept], border[at, far], corner[low, left]])
+    i = np.concatenate([rows[kept], far + length, low + length])
+    j = np.concatenate([columns[kept], at, left + length])
+    total = length + corner.shape[0]
+    lower = sparse.coo_matrix((entries, (i, j)), shape=(total, total)).tocsr()
+    full = (lower + sparse.tril(lower, -1).T).tocsr()
+    unknowns, constraints = chain.unknowns, chain.constraints
+    return _LongKKT(full[unknowns][:, unknowns], full[constraints][:, unknowns])
 
 
 @dataclass(frozen=True)
@@ -168,6 +200,17 @@ class Ribbon(BaseStructure):
                 f"{turns * math.pi:g}"
             )
         self._check_width(self.law)
+        if not isinstance(self.phase, bool):
+            raise InvalidInput(f"argument `phase` is {self.phase!r}; pass True or False")
+        framed = {support.node for support in self.rod.supports if support.frame is not None}
+        for node, value in self.prescribed:
+            if node not in framed:
+                raise InvalidInput(
+                    f"argument `prescribed` names node {node}, which is not clamped; use "
+                    "clamped(..., ruling=...)"
+                )
+            finite("prescribed", value)
+        _check_prescribed(self.law, self.prescribed)
         if self.initial is None:
             object.__setattr__(self, "initial", self.rod.initial)
 
@@ -219,11 +262,7 @@ class Ribbon(BaseStructure):
         node = rod._node(where)
         kept = [p for p in self.prescribed if p[0] != node]
         if ruling is not None:
-            if not self.law.has_fold:
-                raise InvalidInput(
-                    f"argument `ruling` is {ruling!r}; the Sadowsky law has no condition on rulings at a "
-                    "clamp: use Wunderlich"
-                )
+            _check_prescribed(self.law, ((node, ruling),))
             kept.append((node, finite("ruling", ruling)))
         return self._with(rod=rod, prescribed=tuple(sorted(kept)))
 
@@ -260,6 +299,7 @@ class Ribbon(BaseStructure):
         """Return this ribbon with another law."""
         _check_law(law)
         self._check_width(law)
+        _check_prescribed(law, self.prescribed)
         return self._with(law=law)
 
     def with_width(self, width: float) -> Ribbon:
@@ -355,6 +395,10 @@ class Ribbon(BaseStructure):
         """Whether the phase of a closed ribbon is pinned."""
         lengths = self.lengths
         uniform = bool(np.ptp(lengths) <= 1e-12 * lengths[0])
+        if self.half_turns % 2 and (
+            self.law.natural_curvature or self.law.natural_cross_curvature
+        ):
+            uniform = False  # the sides of the strip change at the joint: it is not like other places
         return bool(
             self.phase and self.closed and self.rod.held and uniform and self.joint == "matched"
         )
@@ -414,6 +458,7 @@ class Ribbon(BaseStructure):
         n = self.layout.nodes.size
         folds = n if self.law.has_fold else 0
         rod = self.rod.adopt(state)
+        self._check_turns(rod)
         if not isinstance(state, RibbonState) or not state.rulings.size:
             return self._estimated(rod)
         if state.rulings.size != skeleton.rulings or state.folds.size != folds:
@@ -427,6 +472,28 @@ class Ribbon(BaseStructure):
             rulings = np.array(rulings)
             rulings[skeleton.fixed] = skeleton.values
         return _state(rod, rulings, state.folds)
+
+    def _check_turns(self, state: RodState) -> None:
+        """Refuse a state whose frames close with a full turn more or less than this band's.
+
+        The quaternions of a hinge and of its opposite describe the same strains, so that a band with
+        one half turn to the left would pass for one to the right. The product of the signs of all hinges
+        does not depend on the signs of the frames, and is that of a circle in every band that is made
+        from one by turning its end.
+        """
+        if not self.closed:
+            return
+        plan = self.layout.plan
+        n = plan.left.size
+        q, kappa = np.empty((n, 4)), np.empty((n, 3))
+        frames = self.rod.frames(state)
+        rod_kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
+        if np.count_nonzero(q[:, 0] < 0.0) % 2 == 0:
+            raise InvalidInput(
+                f"argument `start` is the state of a band with a full turn more or less than the "
+                f"{self.half_turns} half turns of this one, or a hinge of it turns by more than half a "
+                "turn; start from a band with as many half turns and the same handedness"
+            )
 
     def _estimated(self, state: RodState) -> RibbonState:
         """Return the state with the rulings that its strains tell, as far as they do."""
@@ -490,6 +557,7 @@ class Ribbon(BaseStructure):
             normal = normal + 1e-12 * sparse.eye_array(free.size, format="csc")
             rulings[free] = spsolve(normal, matrix[:, free].T @ wanted)
         state = self.rod.adopt(rod)
+        self._check_turns(state)
         return _state(state, rulings, fold if self.law.has_fold else np.zeros(0))
 
     def _rulings_at_hinges(self, rulings: Array) -> tuple[Array, Array]:
@@ -606,7 +674,11 @@ class Ribbon(BaseStructure):
         gradient = gradient[skeleton.chain.unknowns]
         if order == 1:
             return Evaluation(energy, constraints, gradient)
-        kkt = _RibbonKKT(band, border.T, corner, layout=skeleton.chain)
+        kkt: _RibbonKKT | _LongKKT
+        if n < LONG:
+            kkt = _RibbonKKT(band, border.T, corner, layout=skeleton.chain)
+        else:
+            kkt = _sparse(band, border, corner, skeleton.chain)
         bending = kappa[:, 0] / plan.span
         moment = layout.parameters[0] * max(math.sqrt(np.mean(bending**2)), 1.0 / self.length)
         kkt.least = np.zeros(constraints.size)
@@ -694,6 +766,15 @@ def _check_law(law: Any) -> None:
         raise InvalidInput(
             f"argument `law` is of type {type(law).__name__}; pass ribbons.Wunderlich or "
             "ribbons.Sadowsky (other laws of ribbons belong to lissome.rods)"
+        )
+
+
+def _check_prescribed(law: RibbonLaw, prescribed: tuple[tuple[int, Any], ...]) -> None:
+    if prescribed and not law.has_fold:
+        node, value = prescribed[0]
+        raise InvalidInput(
+            f"argument `ruling` is {value!r} at node {node}; the Sadowsky law has no condition on rulings "
+            "at a clamp: use Wunderlich, or clamp without `ruling`"
         )
 
 

@@ -313,8 +313,10 @@ class Sadowsky(RibbonLaw):
     .. math:: W = \tfrac12 D w\,\kappa_1^2 (1+\eta^2)^2 = \tfrac12 D w\,(\kappa_1^2+\kappa_3^2)^2/\kappa_1^2
 
     It does not depend on the derivative of the ruling parameter, which is therefore a variable of each
-    hinge. It is not convex in the strains where :math:`|\kappa_3| > |\kappa_1|`: there solutions may
-    oscillate from hinge to hinge, and the solver tells of instability.
+    hinge. Where :math:`|\kappa_3| > |\kappa_1|` a bending that alternates in sign has less energy than an
+    even one, and minima in the limit of a fine mesh do alternate. Every state with
+    :math:`\kappa_1\neq0` is convex by itself, so that the solver finds such states stable, even or
+    alternating; `bending_jumps` and a finer mesh tell how much the result depends on the mesh.
 
     Parameters
     ----------
