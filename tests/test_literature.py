@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lissome import literature
@@ -124,6 +124,8 @@ class TestParsing:
             parse_csv(Path("some.csv"), "name,x,y\nä,1,2\n".encode("latin-1"), SCHEMA)
 
     @given(st.text(max_size=12))
+    @example("0\x1f")  # white space to str.strip, but not to float
+    @example("\u20030")
     def test_a_cell_is_a_finite_number_in_range_or_an_error(self, cell):
         quoted = '"' + cell.replace('"', '""') + '"'
         try:

@@ -211,7 +211,8 @@ def _cell(path: Path, number: int, field: Mapping[str, Any], cell: str) -> Any:
             raise DataError(f"{where}: expected {_wanted(field)}, found an empty cell; fill it in")
         return math.nan if field["type"] == "number" else ""
     if field["type"] == "number":
-        value = float(cell) if _NUMBER.fullmatch(cell.strip()) else math.nan
+        bare = cell.strip(" \t")  # other white space is a sign of damage
+        value = float(bare) if _NUMBER.fullmatch(bare) else math.nan
         if not math.isfinite(value):
             raise DataError(
                 f"{where}: expected {_wanted(field)}, found {cell!r}; write one number a cell, "
