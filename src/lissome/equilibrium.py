@@ -391,7 +391,8 @@ class _Solver:
         stiffness = self.kkt.magnitude(unit, np.zeros(self.structure.constraints_count))[0]
         scale = float(np.median(stiffness / self.metric))
         scale = scale if scale > 0 else 1.0
-        first = max(least, self.last_shift * 0.25, 1e-6 * scale)
+        floor = float(getattr(self.structure, "smallest_shift", 1e-6))
+        first = max(least, self.last_shift * 0.25, floor * scale)
         if self.plain is not None and self.plain.is_minimum:
             first = least  # asked for in order to shorten the step
 

@@ -272,3 +272,11 @@ def test_wrong_starts_are_refused():
     short = CenterlineState([[0, 0, 0], [0, 0, 1]], [0], [[1, 0, 0, 0]])
     with pytest.raises(InvalidInput, match="1 segments"):
         ls.equilibrate(twin, start=short)
+
+
+@pytest.mark.parametrize("segments", [200, 400])
+def test_cold_starts_on_fine_meshes_converge(segments):
+    rod = Rod(LAW, np.full(segments, 1.0 / segments)).clamped("start").loaded(end=(1.0, 0.5, -5.0))
+    found, same = ls.equilibrate(CenterlineTwist(rod)), ls.equilibrate(rod)
+    assert found.stable and found.iterations < 30
+    assert np.abs(found.state.positions - same.positions).max() < 1e-8

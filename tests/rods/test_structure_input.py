@@ -221,3 +221,14 @@ def test_absurd_loads_end_in_an_error_of_the_library(force):
     rod = rods.straight(1.0, 20, rods.Kirchhoff((1.0, 1.3), 0.8)).clamped("start")
     with pytest.raises(LissomeError):
         ls.equilibrate(rod.loaded(end=[force, 0.0, 0.0]))
+
+
+def test_two_node_clamps_out_of_reach():
+    """Their nodes are within reach of each other; those at the far ends of their segments are not."""
+    rod = rods.straight(1.0, 10, LAW).clamped("start", kind="two-node")
+    away = Rotation.from_rotvec([np.pi, 0.0, 0.0])
+    rod = rod.clamped("end", (0.0, 0.3, 0.85), away, kind="two-node")
+    with pytest.raises(
+        InvalidInput, match=r"two-node clamps hold nodes 1 and 9 at a distance of 0\.9"
+    ):
+        ls.equilibrate(rod)

@@ -438,6 +438,7 @@ def check_reach(rod: Rod) -> None:
     """Refuse supports farther from each other than an inextensible rod is long."""
     if rod.extensible:
         return
+    _check_reach_of_segments(rod)
     for i, a in enumerate(rod.supports):
         for b in rod.supports[:i]:
             square = 0.0
@@ -463,6 +464,35 @@ def check_reach(rod: Rod) -> None:
                     "long as the rod between them: it is inextensible, and its tension would be "
                     "undetermined; bring them nearer, leave a component of the position free, or "
                     "give it a `stretching` stiffness"
+                )
+
+
+def _check_reach_of_segments(rod: Rod) -> None:
+    """Refuse two-node clamps whose far nodes are farther apart than the rod between them is long."""
+    if not any(s.clamp == "two-node" for s in rod.supports):
+        return
+    places = []
+    for support in rod.supports:
+        if None in support.position:
+            continue
+        node, place = support.node, np.array(support.position)
+        if support.clamp == "two-node" and support.frame is not None:
+            start = node == 0
+            rest = rod.lengths[0 if start else -1] * (1.0 if start else -1.0)
+            place = place + rotate(support.frame, [0.0, 0.0, rest])
+            node += 1 if start else -1
+        places.append((node, place, support))
+    for i, (m, p, a) in enumerate(places):
+        for n, q, b in places[:i]:
+            if a.clamp != "two-node" and b.clamp != "two-node":
+                continue
+            distance = float(np.linalg.norm(p - q))
+            reach = float(rod.arclength[m] - rod.arclength[n])
+            if distance > reach * (1.0 - REACH) and reach > 0.0:
+                raise InvalidInput(
+                    f"the two-node clamps hold nodes {n} and {m} at a distance of {distance:.9g}, and "
+                    f"the rod between them is {reach:.9g} long: it is inextensible; bring the supports "
+                    "nearer, turn their frames, or give the rod a `stretching` stiffness"
                 )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,9 +57,8 @@ class CenterlineTwist(BaseStructure):
     References are those of the states (:class:`~lissome.rods.centerline.CenterlineState`);
     :meth:`retract` renews the reference of a segment that has turned away from it by 120 degrees.
 
-    Eigenvalues spread like the fourth power of the number of segments. Give solves on fine meshes
-    (more than about 150 segments) a start near the equilibrium, such as a state of the rod: from a
-    straight rod the solver's shifts are too coarse for such a spread, and it may give up.
+    Eigenvalues spread like the fourth power of the number of segments, so that shifts of the Hessian
+    start far below its entries (`smallest_shift`).
 
     Parameters
     ----------
@@ -85,6 +84,7 @@ class CenterlineTwist(BaseStructure):
     """
 
     rod: Rod
+    smallest_shift: ClassVar[float] = 1e-13
 
     def __post_init__(self) -> None:
         rod = self.rod

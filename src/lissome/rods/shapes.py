@@ -361,7 +361,9 @@ def ring(
         but for its twist. See also :meth:`~lissome.rods.Rod.with_overcurvature`.
     turns : float
         Turns of twist about d3 between the two ends that are joined, spread evenly; 0.5 is the
-        Möbius band. Natural twist is zero.
+        Möbius band. Natural twist is zero, natural curvature by default that of the circle, about the
+        material director `about`, which turns with the twist; the twisted ring of Michell and Zajac
+        is straight at rest: ``natural_curvature=0``.
     about : {1, 2}
         The director that the rod bends about. At the start it is the normal of the plane.
     normal : array_like, shape (3,)
