@@ -490,3 +490,59 @@ def test_two_equal_layers_are_one_layer():
         energies.append(ls.equilibrate(plate, plate.interpolate(cone(0.1))).energy)
     assert energies[1] == pytest.approx(energies[0], rel=1e-9)
     assert energies[0] > 0
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_even_tension_stretches_evenly(degree):
+    """A patch test: strains T/C along and -nu T/C across, on free and uneven triangles."""
+    mesh = meshes.rectangle(2.0, 1.0, 3, center=(0.3, 0.1))
+    pull = 1e-3
+    plate = Plate(
+        mesh=mesh, bending=1e-2, poisson=0.3, stretching=2.0, degree=degree,
+        traction={"left": (-pull, 0.0), "right": lambda x, y: np.array([pull + 0 * x, 0 * y])},
+    )  # fmt: skip
+    u = ls.equilibrate(plate).displacement
+    gaps = u - u[0], (mesh.p - mesh.p[:, :1]).T
+    slope = np.linalg.lstsq(gaps[1], gaps[0], rcond=None)[0]
+    sym = 0.5 * (slope + slope.T)
+    assert sym == pytest.approx(np.diag([pull / 2, -0.3 * pull / 2]), abs=1e-12)
+    assert gaps[0] == pytest.approx(gaps[1] @ slope, abs=1e-12)
+
+
+def test_a_hanging_sheet_stretches_as_a_rod():
+    mesh = meshes.rectangle(divisions=2)
+    plate = Plate(
+        mesh=mesh, bending=1e-2, poisson=0.0, stretching=2.0, body_force=(0.0, -1e-3),
+        edges={"top": ("displacement", "deflection", "slope")},
+    )  # fmt: skip
+    found = ls.equilibrate(plate)
+    below = 0.5 - mesh.p[1]
+    assert found.displacement[:, 1] == pytest.approx(-1e-3 / 2 * (below - below**2 / 2), abs=1e-10)
+    assert found.displacement[:, 0] == pytest.approx(0.0, abs=1e-10)
+
+
+def test_tension_stiffens_a_strip_against_a_load():
+    """Supported on two sides, nu = 0: the deflection of a tie rod."""
+    b, q, tension = 1e-3, 1e-7, 0.05
+    plate = Plate(
+        mesh=meshes.rectangle(divisions=5, grading=1.0), bending=b, poisson=0.0, degree=3, pressure=q,
+        edges={"left": ("displacement", "deflection"), "right": ("deflection",)},
+        traction={"right": (tension, 0.0)},
+    )  # fmt: skip
+    k = np.sqrt(tension / b)
+    exact = q / tension * (1 / 8 - (1 - 1 / np.cosh(k / 2)) / k**2)
+    found = ls.equilibrate(plate)
+    assert plate.deflection_at((0.0, 0.0), found.state) == pytest.approx(exact, rel=1e-4)
+
+
+def test_bad_plane_loads_are_refused():
+    mesh = meshes.rectangle(divisions=2)
+    for loads in ({"body_force": (1.0, 0.0)}, {"traction": {"right": (1.0, 0.0)}}):
+        with pytest.raises(InvalidInput, match="does not balance"):
+            Plate(mesh=mesh, bending=1.0, poisson=0.3, **loads)
+    with pytest.raises(InvalidInput, match="a mapping"):
+        Plate(mesh=mesh, bending=1.0, poisson=0.3, traction=(1.0, 0.0))
+    with pytest.raises(InvalidInput, match="`traction`"):
+        Plate(mesh=mesh, bending=1.0, poisson=0.3, traction={"right": (np.nan, 0.0)})
+    with pytest.raises(InvalidInput, match="`body_force`"):
+        Plate(mesh=mesh, bending=1.0, poisson=0.3, body_force=1.0)

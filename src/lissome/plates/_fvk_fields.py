@@ -45,6 +45,14 @@ def scalar_field(name: str, value: Any) -> Field:
     return lambda x: np.full(x.shape[:-1], number)
 
 
+def vector_field(name: str, value: Any) -> Field:
+    """Return a function of positions (..., 2) that gives x and y parts, shape (..., 2)."""
+    if callable(value):
+        return lambda x: np.moveaxis(_called(name, value, x, (2,)), 0, -1).copy()
+    constant = finite_array(name, value, shape=(2,))
+    return lambda x: np.broadcast_to(constant, x.shape).copy()
+
+
 def tensor_field(name: str, value: Any) -> Field:
     """Return a function of positions (..., 2) that gives xx, yy, xy, shape (..., 3)."""
 

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..errors import InvalidInput
+from ._fvk_fields import vector_field
 from ._fvk_tables import (
     EDGES,
     Lagrange,
@@ -213,6 +214,34 @@ class PlateSpace:
             else:
                 held[what] = np.concatenate([nodes, self.nodes + nodes])
         return held
+
+    def edge_load(self, traction: Any) -> Array:
+        """Return the work of loads per length on parts of the boundary, shape (size,)."""
+        if not hasattr(traction, "items"):
+            raise InvalidInput(
+                f"argument `traction` is {traction!r}; pass a mapping from parts of the boundary to "
+                'vectors, such as {"right": (1.0, 0.0)}'
+            )
+        out = np.zeros(self.size)
+        t, weights = segment_rule(self.degree + 2)
+        for part, value in traction.items():
+            facets = select_edges(self.mesh, {part: ("deflection",)})["deflection"]
+            field = vector_field("traction", value)
+            for triangle in np.unique(self.mesh.f2t[0, facets]):
+                for edge in np.flatnonzero(np.isin(self.mesh.t2f[:, triangle], facets)):
+                    reference = edge_points(int(edge), t, False)
+                    ends = edge_points(int(edge), np.array([0.0, 1.0]), False)
+                    corners = self.geometry.corners[triangle]
+                    place = self.geometry.basis.values(reference) @ corners
+                    jacobian = np.einsum(
+                        "nx,qnr->qxr", corners, self.geometry.basis.gradients(reference)
+                    )
+                    length = np.linalg.norm(jacobian @ (ends[1] - ends[0]), axis=1)
+                    pull = field(place) * (weights * length)[:, None]
+                    for i in range(2):
+                        nodes = self.scalar[triangle] + i * self.nodes
+                        out[nodes] += self.basis.values(reference).T @ pull[:, i]
+        return out
 
     @cached_property
     def positions(self) -> Array:

@@ -27,7 +27,7 @@ from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
 from ..factorization import SparseKKT
 from ..structure import Evaluation
-from ._fvk_fields import Field, scalar_field, tensor_field
+from ._fvk_fields import Field, scalar_field, tensor_field, vector_field
 from ._fvk_mixed import MixedPlate, projected_bending
 from ._fvk_space import EDGE_KINDS, PlateSpace
 from ._fvk_state import PlateState, PlateUnknowns, check_moduli
@@ -145,6 +145,12 @@ class Plate(PlateUnknowns):
         Spontaneous curvature, likewise; 1/length.
     pressure : float or callable, optional
         Load per area along w.
+    body_force : array_like (2,) or callable, optional
+        Load per area in the plane; a function of arrays x, y returns an array (2, ...).
+    traction : mapping, optional
+        Load per length in the plane, on parts of the boundary as in `edges`: a vector or a function
+        as `body_force`. These loads keep their direction; where tilts are free they are no neutral
+        motions any more.
     edges : str or mapping
         ``"free"`` (default), ``"simply supported"`` (w = 0), ``"hinged"`` (w = 0, u = 0),
         ``"clamped"`` (w = 0, no slope, u = 0), ``"sliding clamp"`` (w = 0, no slope), or a tuple out
@@ -182,6 +188,8 @@ class Plate(PlateUnknowns):
     pressure: float | Callable[..., Any] = 0.0
     edges: Any = "free"
     degree: int = 2
+    body_force: Any = None
+    traction: Any = None
     _shared: dict[str, Any] = field(default_factory=dict, repr=False)
     _strain: Array = field(init=False, repr=False)
     _force: Array = field(init=False, repr=False)
@@ -200,6 +208,15 @@ class Plate(PlateUnknowns):
         pressure = scalar_field("pressure", self.pressure)(geometry.x)
         work = np.einsum("tq,tq,qn->tn", geometry.weights, pressure, space.basis.values(points))
         np.add.at(load, space.scalar + 2 * space.nodes, work)
+        if self.body_force is not None:
+            force_at = vector_field("body_force", self.body_force)(geometry.x)
+            for i in range(2):
+                work = np.einsum(
+                    "tq,tq,qn->tn", geometry.weights, force_at[..., i], space.basis.values(points)
+                )
+                np.add.at(load, space.scalar + i * space.nodes, work)
+        if self.traction is not None:
+            load += space.edge_load(self.traction)
         object.__setattr__(self, "_force", force + load)
         object.__setattr__(self, "_load", load)
         object.__setattr__(self, "_own", own)
@@ -215,8 +232,9 @@ class Plate(PlateUnknowns):
             moved = np.abs(pushed @ load) > 1e-9 * float(np.sum(np.abs(load)))
             if np.any(moved):
                 raise InvalidInput(
-                    "argument `pressure` moves the plate as a whole: its `edges` do not hold it, and "
-                    "the load does not balance; hold an edge, or balance the load"
+                    "argument `pressure`, `body_force` or `traction` moves the plate as a whole: its "
+                    "`edges` do not hold it, and the load does not balance; hold an edge, or balance "
+                    "the load"
                 )
 
     # -- parts ----------------------------------------------------------------------------------
@@ -367,6 +385,12 @@ class Plate(PlateUnknowns):
             rows[4 + axis, 2 * n : 3 * n] = place[:, axis] / scale
             rows[4 + axis, axis * n : (axis + 1) * n] = -w / scale
             rows[4 + axis, 3 * n :] = space.tilt[axis] / scale
+        if self.body_force is not None or self.traction is not None:
+            # Loads of fixed direction do work when the plate tilts, except about their own direction.
+            pull = self._load[: 2 * n].reshape(2, n)
+            u, values, _ = np.linalg.svd(pull, full_matrices=False)
+            loose = u[:, values <= 1e-12 * max(float(values[0]), 1e-300)]
+            rows = np.vstack([rows[:4], loose.T @ rows[4:]])
         held = rows[:, space.fixed]
         if not held.size:
             return rows

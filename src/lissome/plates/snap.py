@@ -93,10 +93,19 @@ def dome(
     reach = float(np.max(np.hypot(*(space.positions - c).T)))
     top = plate.slope_scale * reach if height is None else positive("height", height)
     sign = 1.0 if up else -1.0
-    start = plate.interpolate(
-        lambda x, y: -sign * top * ((x - c[0]) ** 2 + (y - c[1]) ** 2) / reach**2
-    )
-    return equilibrate(plate, start)
+    last: NotConverged | None = None
+    for part in (1.0, 0.8, 0.5) if height is None else (1.0,):
+        rise = sign * part * top
+
+        def paraboloid(x: Array, y: Array, rise: float = rise) -> Array:
+            return -rise * ((x - c[0]) ** 2 + (y - c[1]) ** 2) / reach**2
+
+        try:
+            return equilibrate(plate, plate.interpolate(paraboloid), max_iterations=100)
+        except NotConverged as error:
+            last = error
+    assert last is not None
+    raise last
 
 
 def _shape(plate: Plate, state: PlateState) -> Array:
