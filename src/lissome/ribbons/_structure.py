@@ -20,7 +20,7 @@ from ..factorization import ChainKKT, SparseKKT
 from ..rods import Rod, RodState
 from ..rods import _kernel as rod_kernel
 from ..rods._corrector import fast_correction
-from ..rods.quaternions import exponential, multiply
+from ..rods.quaternions import conjugate, exponential, multiply
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
 from ._layout import Layout, derive
@@ -395,10 +395,10 @@ class Ribbon(BaseStructure):
         """Whether the phase of a closed ribbon is pinned."""
         lengths = self.lengths
         uniform = bool(np.ptp(lengths) <= 1e-12 * lengths[0])
-        if self.half_turns % 2 and (
-            self.law.natural_curvature or self.law.natural_cross_curvature
-        ):
-            uniform = False  # the sides of the strip change at the joint: it is not like other places
+        if self.half_turns % 2 and (self.law.natural_curvature or self.law.natural_cross_curvature):
+            uniform = (
+                False  # the sides of the strip change at the joint: it is not like other places
+            )
         return bool(
             self.phase and self.closed and self.rod.held and uniform and self.joint == "matched"
         )
@@ -484,11 +484,12 @@ class Ribbon(BaseStructure):
         if not self.closed:
             return
         plan = self.layout.plan
-        n = plan.left.size
-        q, kappa = np.empty((n, 4)), np.empty((n, 3))
         frames = self.rod.frames(state)
-        rod_kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
-        if np.count_nonzero(q[:, 0] < 0.0) % 2 == 0:
+        q = multiply(conjugate(frames[plan.left]), frames[plan.right])
+        joint = np.array(plan.twist)
+        joint[joint[:, 1] == 0.0, 0] = 1.0  # hinges without a turn
+        scalar = q[:, 0] * joint[:, 0] - q[:, 3] * joint[:, 1]
+        if np.count_nonzero(scalar < 0.0) % 2 == 0:
             raise InvalidInput(
                 f"argument `start` is the state of a band with a full turn more or less than the "
                 f"{self.half_turns} half turns of this one, or a hinge of it turns by more than half a "

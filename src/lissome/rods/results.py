@@ -397,7 +397,7 @@ def writhe(nodes: ArrayLike, *, closed: bool = False) -> float:
         Positions. Of a closed polygon the first may be repeated at the end.
     closed : bool
         Whether the last node is joined with the first. The writhe of an open curve is the same
-        double integral.
+        double integral; one whose ends meet is taken as closed.
 
     Returns
     -------
@@ -416,6 +416,12 @@ def writhe(nodes: ArrayLike, *, closed: bool = False) -> float:
     >>> print(writhe(np.stack([np.cos(u), np.sin(u), 0 * u], axis=1), closed=True))
     0.0
     """
+    if (
+        not closed
+    ):  # two segments that touch have no solid angle, but rounding errors would make one
+        ends = _nodes("nodes", nodes)
+        gap = float(np.max(np.abs(ends[-1] - ends[0])))
+        closed = ends.shape[0] > 3 and gap <= 1e-9 * float(np.max(np.ptp(ends, axis=0)))
     points = _closed_nodes("nodes", nodes) if closed else _nodes("nodes", nodes)
     return float(_writhe(points, bool(closed))) + 0.0  # no negative zero
 
