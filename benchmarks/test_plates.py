@@ -14,7 +14,7 @@ import lissome as ls
 from lissome.plates import meshes
 from lissome.plates._fvk_kernel import membrane
 from lissome.plates.fvk import MixedPlate, Plate
-from lissome.plates.snap import dome
+from lissome.plates.snap import critical_curvature, dome
 from lissome.references.plate import AxisymmetricDisc, fold
 
 NU = 0.5
@@ -171,6 +171,17 @@ def test_critical_curvature(benchmark, measure):
 
     branch = benchmark.pedantic(run, rounds=3, warmup_rounds=1)
     assert abs(branch.events[-1].parameter / exact - 1) < 1e-3
+
+
+def test_critical_curvature_of_a_square(benchmark, measure):
+    measure(
+        "degree 3 on 72 triangles, with dome and descent",
+        group="critical curvature of a square and energy released, to 1e-3", within=4.0,
+    )  # fmt: skip
+    found = benchmark.pedantic(critical_curvature, args=(300.0,), rounds=2, warmup_rounds=1)
+    finer = critical_curvature(300.0, divisions=5)
+    assert abs(found["curvature"] / finer["curvature"] - 1) < 1e-3
+    assert abs(found["energy"] / finer["energy"] - 1) < 1e-3
 
 
 # -- size -----------------------------------------------------------------------------------------
