@@ -1,5 +1,7 @@
 """The bent and twisted ribbon: mechanics, symmetry, and methods other than collocation."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -363,8 +365,12 @@ def test_threshold_depends_on_the_extensibility_length():
     """Forms differ by a factor of the width; the printed 1.24 lies between two of them."""
     nu = 0.4
     thesis = ribbon_twist.threshold_width(Ribbon(8.0, poisson_ratio=nu), tolerance=0.05)
-    other = Ribbon(8.0, poisson_ratio=nu, form="panda-jawed")
-    half = ribbon_twist.threshold_width(other, tolerance=0.05)
     factor = (2 * (1 - nu**2)) ** 0.25
-    assert np.allclose(half, factor * np.array(thesis), rtol=2e-3)
-    assert thesis[0] < 1.194 < thesis[1] < 1.24 < half[0]
+    assert thesis[0] < 1.194 < thesis[1] < 1.24 < factor * thesis[0]
+    unit = math.sqrt(math.pi * 108.0 * 0.2)
+    for scaled, end in zip(thesis, ("ended", "range"), strict=True):
+        other = Ribbon(factor * scaled * unit, poisson_ratio=nu, form="panda-jawed")
+        found = ribbon_twist.trace(
+            other, until=2.4, step=0.12, elements=20, stages=5, stop_at_fold=True
+        )
+        assert (found.end == "range") == (end == "range")

@@ -11,7 +11,7 @@ import pytest
 
 import lissome as ls
 from lissome import ribbons
-from lissome.errors import InvalidInput, LissomeWarning
+from lissome.errors import InvalidInput, LissomeWarning, NotConverged
 
 LAW = ribbons.Wunderlich(width=0.1, rigidity=1.0, poisson_ratio=0.3)
 
@@ -109,3 +109,38 @@ def test_wrong_parts_of_a_ribbon_are_named(changes, name):
     rod = ribbons.straight(1.0, 20, LAW).clamped("start").rod
     with pytest.raises(InvalidInput, match=f"`{name}`"):
         ribbons.Ribbon(LAW, rod, **changes)
+
+
+def _twisted(natural_twist):
+    return ribbons.Wunderlich(
+        width=0.1, rigidity=1.0, poisson_ratio=0.3, natural_twist=natural_twist
+    )
+
+
+def test_a_band_that_is_held_by_its_pin_is_refused():
+    """It had the energy 89.099, and was called stable; without the pin it has less."""
+    band = ribbons.band(1.0, 100, _twisted(40.0), 0)
+    with pytest.raises(NotConverged, match="held by the condition that pins") as caught:
+        ls.equilibrate(band)
+    lower = ls.equilibrate(replace(band, phase=False), start=caught.value.state, require="any")
+    assert lower.energy < 89.0
+    for gentle in (1.0, 20.0):  # the circle has straight rulings everywhere
+        assert ls.equilibrate(ribbons.band(1.0, 60, _twisted(gentle), 0)).index == 0
+
+
+def test_a_band_of_half_a_turn_that_passed_through_itself_is_told():
+    with pytest.warns(LissomeWarning, match=r"its link is 2\.5 instead of 0\.5"):
+        ls.equilibrate(ribbons.band(1.0, 60, _twisted(40.0), 1))
+
+
+def test_open_strips_of_the_narrow_limit_whose_bending_alternates_are_told():
+    law = ribbons.Sadowsky(width=0.1, rigidity=1.0)
+    strip = ribbons.straight(1.0, 20, law).clamped("start").clamped("end", (0, 0, 0.9))
+
+    def turn():
+        state = ls.equilibrate(strip)
+        for k in range(1, 11):
+            state = ls.equilibrate(strip.turned(0.3 * k), start=state)
+
+    with pytest.warns(LissomeWarning, match="bending jumps"):
+        turn()

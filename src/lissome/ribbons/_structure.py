@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,7 @@ from scipy.sparse.linalg import spsolve
 
 from .._validate import finite, finite_array, one_of
 from ..equilibrium import Equilibrium
-from ..errors import InvalidInput, LissomeWarning
+from ..errors import InvalidInput, LissomeWarning, NotConverged
 from ..factorization import ChainKKT, SparseKKT
 from ..rods import Rod, RodState
 from ..rods import _kernel as rod_kernel
@@ -38,6 +38,9 @@ JOINTS = ("matched", "free")
 #: Number of hinges from which the chain is factored by nested dissection: pivots that a longer chain
 #: delays pile up, and its cost is no longer linear.
 LONG = 600
+
+#: Number of segments up to which every band is looked at for having passed through itself.
+CHECKED = 600
 
 
 class _KnowsMoments:
@@ -395,10 +398,10 @@ class Ribbon(BaseStructure):
         """Whether the phase of a closed ribbon is pinned."""
         lengths = self.lengths
         uniform = bool(np.ptp(lengths) <= 1e-12 * lengths[0])
-        if self.half_turns % 2 and (self.law.natural_curvature or self.law.natural_cross_curvature):
-            uniform = (
-                False  # the sides of the strip change at the joint: it is not like other places
-            )
+        law = self.law
+        if self.half_turns % 2:
+            # The sides of the strip change at the joint: if they differ, it is not like other places.
+            uniform = uniform and not (law.natural_curvature or law.natural_cross_curvature)
         return bool(
             self.phase and self.closed and self.rod.held and uniform and self.joint == "matched"
         )
@@ -705,38 +708,69 @@ class Ribbon(BaseStructure):
         Raises
         ------
         NotConverged
-            If the bending of a closed band (Wunderlich) jumps between hinges: the state is spurious.
+            If the bending of a closed band (Wunderlich) jumps between hinges: the state is spurious;
+            or if it is held by the condition that pins the phase.
             The limit of Sadowsky does jump where the bending changes sign.
 
         Warns
         -----
         LissomeWarning
             If a hinge turns by more than 150 degrees, the bending of an open ribbon jumps between
-            hinges, or a band twisted more than once has passed through itself.
+            hinges, or a band has passed through itself. (Bands of less than one turn are looked at up
+            to 600 segments, since the writhe costs their square.)
         """
         from ._equilibrium import ROUGH, RibbonEquilibrium
 
         found = self.diagnose(equilibrium.state)
         result = equilibrium.as_type(RibbonEquilibrium)
+        if self.pins_phase and not self.half_turns % 2 and self.law.natural_twist:
+            self._check_pin(result)
         if self.closed and self.joint == "matched" and self.law.has_fold:
             result.check_smooth()
         elif (
-            self.law.has_fold
-            and found is None
+            found is None
+            and (self.law.has_fold or not self.closed)
             and np.max(result.bending_jumps, initial=0.0) > ROUGH
         ):
             found = (
                 "the bending jumps between neighboring hinges: use more segments, or see "
                 "`check_smooth`"
             )
-        if found is None and self.closed and abs(self.half_turns) > 1 and result.passages:
-            found = (
-                f"the band with {self.half_turns} half turns has passed through itself "
-                f"{abs(result.passages)} times; self-contact is not modelled"
-            )
+        if (
+            found is None
+            and self.closed
+            and (abs(self.half_turns) > 1 or self.lengths.size <= CHECKED)
+        ):
+            wanted = 0.5 * self.half_turns
+            if abs(result.link - wanted) > 0.25:
+                found = (
+                    f"the band with {self.half_turns} half turns has passed through itself: its link is "
+                    f"{result.link:.3g} instead of {wanted:g}; self-contact is not modelled"
+                )
         if found:
             warnings.warn(found, LissomeWarning, stacklevel=5)
         return result
+
+    def _check_pin(self, found: Any) -> None:
+        """Refuse a state that the pin of the phase holds by force.
+
+        A band with an odd number of half turns has a place whose ruling goes straight across, and a
+        pin there does nothing. One that wants to twist and closes up without it may have none.
+        """
+        free = replace(self, phase=False)
+        state = free.adapted(found)
+        evaluation = free.evaluate(state, np.zeros(free.constraints_count), 2)
+        assert evaluation.kkt is not None and evaluation.gradient is not None  # of order 2
+        rows, gradient = evaluation.kkt.jacobian_rows(), evaluation.gradient
+        multipliers = np.linalg.lstsq(rows.T, -gradient, rcond=None)[0]
+        force = float(np.max(np.abs(gradient + rows.T @ multipliers)))
+        if force > 1e-6 * float(np.max(np.abs(gradient))):
+            raise NotConverged(
+                "the band is held by the condition that pins its phase: no ruling goes straight across "
+                "the strip there; solve `dataclasses.replace(band, phase=False)`, starting from the "
+                "attribute `state` of this error",
+                state=state,
+            )
 
     def diagnose(self, state: RibbonState) -> str | None:
         """Return what is wrong with a state of a failed solve, and the remedy, or None."""
