@@ -20,10 +20,10 @@ def blocks(text, language):
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("number", [0, 1, 2])
 def test_code_prints_what_is_printed(readme, number):
     codes, outputs = blocks(readme, "python"), blocks(readme, "text")
-    assert len(codes) == len(outputs) == 2
+    assert len(codes) == len(outputs) == 3
     code, printed = codes[number], outputs[number]
     assert len([line for line in code.splitlines() if line.strip()]) <= 10
     said = io.StringIO()
