@@ -91,9 +91,13 @@ def test_good_book(book):
         "from IPython.display import HTML; import plotly.graph_objects as go\n"
         "HTML(go.Figure().to_html(full_html=False, include_plotlyjs=False))"
     )
+    drawing = (
+        "from lissome import plotting; fig, ax = plotting.figure(size=(1, 1))\n"
+        "plotting.show(fig, alt='an empty pair of axes')"
+    )
     math = "\n$$ a = b $$ (eq-{0})\n\nAs {{eq}}`eq-{0}` says.\n\n## Section\n"
     book.write("3-chapter.md", f"{HEADER}# Chapter\n{math.format('one')}\n{cell(code)}")
-    book.write("3-part.md", f"{HEADER}# Part\n{math.format('two')}\n{cell(plot)}")
+    book.write("3-part.md", f"{HEADER}# Part\n{math.format('two')}\n{cell(plot)}\n{cell(drawing)}")
     bibliography = "```{bibliography}\n```\n"
     book.write(
         "a-appendix.md",
@@ -128,6 +132,7 @@ def test_good_book(book):
     static = book.root / "out put" / "html" / "_static"
     assert (static / "mathjax" / "tex-chtml.js").is_file()
     assert (static / "plotly.min.js").is_file()
+    assert not list(static.rglob("*.map"))
     assert "plotly.min.js" in part
     assert "plotly.min.js" not in chapter
     for page in (chapter, part, appendix):
@@ -146,3 +151,6 @@ def test_good_book(book):
         "by " in (sources / "3-chapter.ipynb").read_text(encoding="utf-8").split('"outputs"', 1)[1]
     )
     assert not (sources / "a-appendix.ipynb").exists()
+    offered = (sources / "3-part.ipynb").read_text(encoding="utf-8")
+    assert 'class="lissome-drawing' in part
+    assert '"image/png"' in offered and "lissome-drawing" not in offered

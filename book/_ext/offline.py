@@ -9,6 +9,7 @@ for live kernels, which would need a network, are taken out.
 from __future__ import annotations
 
 import importlib.util
+import json
 import shutil
 from pathlib import Path
 
@@ -68,6 +69,20 @@ def _offer_script(app, pagename, templatename, context, doctree):
             group["buttons"].insert(1, script)
 
 
+def _download(notebook):
+    """Return an executed notebook as it is offered: pictures as PNG, not as HTML beside it.
+
+    The HTML of a drawing follows the theme of a page, or needs a script that the page loads.
+    """
+    content = json.loads(notebook.read_text(encoding="utf-8"))
+    for cell in content["cells"]:
+        for output in cell.get("outputs", []):
+            data = output.get("data", {})
+            if "image/png" in data:
+                data.pop("text/html", None)
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
 def _copy(app, error):
     if error is not None or app.builder.format != "html":
         return
@@ -82,12 +97,14 @@ def _copy(app, error):
             shutil.copy2(origin, target)
     if getattr(app.env, "lissome_needs_plotly", False):
         shutil.copy2(_package("plotly") / "package_data" / "plotly.min.js", static)
+    for path in static.rglob("*.map"):  # for those who debug the theme's scripts
+        path.unlink()
     for page in sorted(app.env.found_docs):
         notebook = _executed(app, page)
         if notebook.is_file():
             target = Path(app.outdir) / "_sources" / page
             target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(notebook, f"{target}.ipynb")
+            Path(f"{target}.ipynb").write_text(_download(notebook), encoding="utf-8")
             jupytext.write(jupytext.read(app.env.doc2path(page)), f"{target}.py", fmt="py:percent")
 
 

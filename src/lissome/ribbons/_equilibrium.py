@@ -40,8 +40,10 @@ class RibbonEquilibrium(RodEquilibrium):
         closed band is its joint, seen from the end of the band.
     ruling, ruling_slope : ndarray, shape (n,)
         Ruling parameter of the hinges and its derivative (1/length).
-    moments : ndarray, shape (n, 3)
-        Moments of the hinges along the directors; the second and third hold up the constraints.
+
+    Notes
+    -----
+    The moments of the hinges along the second and third director hold up the constraints.
     """
 
     structure: Any

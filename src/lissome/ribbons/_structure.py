@@ -270,7 +270,7 @@ class Ribbon(BaseStructure):
         return self._with(rod=rod, prescribed=tuple(sorted(kept)))
 
     def pinned(self, where: str | int, position: Any = None) -> Ribbon:
-        """Return this ribbon with the position of a node prescribed; see :meth:`Rod.pinned`."""
+        """Return this ribbon with the position of a node prescribed; see :meth:`lissome.rods.Rod.pinned`."""
         return self._changed(self.rod.pinned(where, position), where)
 
     def hinged(
@@ -282,7 +282,7 @@ class Ribbon(BaseStructure):
         axis: ArrayLike,
         moment: float = 0.0,
     ) -> Ribbon:
-        """Return this ribbon with a frame that turns about a fixed axis; see :meth:`Rod.hinged`."""
+        """Return this ribbon with a frame that turns about an axis; see :meth:`lissome.rods.Rod.hinged`."""
         rod = self.rod.hinged(where, position, frame, axis=axis, moment=moment)
         return self._changed(rod, where)
 
