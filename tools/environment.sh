@@ -37,7 +37,7 @@ fi
     fail "$venv holds $("$venv/bin/python" -V 2>&1), Lissome needs 3.11 or newer: delete it, or name another: make VENV=..."
 
 rm -f "$stamp"
-echo "installing requirements.txt into $venv (about 1.2 GB; some minutes)"
+echo "installing requirements.txt into $venv (about 1.7 GB; some minutes)"
 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_REQUIRE_VIRTUALENV=1 \
     "$venv/bin/python" -m pip install --quiet --requirement requirements.txt
 want="$(cat requirements.txt pyproject.toml | cksum)
