@@ -309,6 +309,10 @@ def _eliminate(band, border, corner, weight, i, j, s, top, reach, pii, pij, pjj,
 def eliminate_plainly(band, border, corner, nb, threshold, floor, pivots, weight):
     """Factor in place the columns before the first that makes no good pivot.
 
+    Almost every chain needs nothing else. The inner loops stand again in `factorize_chain`, which
+    takes several times as long to compile and is compiled only when a pivot must wait; one callee
+    for both would double the time of a factorization, since compiled calls count references.
+
     Arguments are those of `factorize_chain`.
 
     Returns

@@ -33,6 +33,7 @@ from scipy.special import j0
 from .._validate import finite, in_open_interval, integer_at_least, one_of, positive
 from ..errors import InvalidInput, NotConverged
 from ._collocation import Family, Point, gauss
+from ._frames import directors, quaternion_rate
 
 __all__ = [
     "Clamps",
@@ -546,12 +547,10 @@ def _family(ribbon: Ribbon, clamps: Clamps, control: Control, mesh: Array, stage
     hard = ribbon.hard_bending
 
     def right(y: npt.NDArray, p: npt.NDArray) -> npt.NDArray:
-        a, b, c, d = y[3:7]
+        q = y[3:7]
         m2, k1, k3 = y[7:10]
         k2 = m2 / hard
-        d1 = np.array([a * a + b * b - c * c - d * d, 2 * (b * c + a * d), 2 * (b * d - a * c)])
-        d2 = np.array([2 * (b * c - a * d), a * a - b * b + c * c - d * d, 2 * (c * d + a * b)])
-        d3 = np.array([2 * (b * d + a * c), 2 * (c * d - a * b), a * a - b * b - c * c + d * d])
+        d1, d2, d3 = directors(q)
         n1 = p[0] * d1[0] + p[1] * d1[1] + p[2] * d1[2]
         n2 = p[0] * d2[0] + p[1] * d2[1] + p[2] * d2[2]
         m1, m3 = ribbon.moments(k1, k3)
@@ -563,10 +562,7 @@ def _family(ribbon: Ribbon, clamps: Clamps, control: Control, mesh: Array, stage
         return np.array(
             [
                 *d3,
-                -(b * k1 + c * k2 + d * k3) / 2,
-                (a * k1 + c * k3 - d * k2) / 2,
-                (a * k2 + d * k1 - b * k3) / 2,
-                (a * k3 + b * k2 - c * k1) / 2,
+                *quaternion_rate(q, k1, k2, k3),
                 rate2,
                 (twist * rate1 - mixed * rate3) / determinant,
                 (bend * rate3 - mixed * rate1) / determinant,

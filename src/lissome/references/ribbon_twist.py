@@ -43,6 +43,7 @@ from scipy.linalg import eigh, qr
 from .._validate import finite, in_open_interval, integer_at_least, one_of, positive
 from ..errors import InvalidInput, NotConverged
 from ._collocation import Family, Point, gauss
+from ._frames import directors, quaternion_rate
 
 __all__ = [
     "Branch",
@@ -190,7 +191,7 @@ class Equilibrium:
     @property
     def tilt(self) -> float:
         """Angle by which the width at the middle has turned about x, in (-pi, pi]; rad."""
-        _, second, _ = _frame(self.solution.nodes[-1, 3:7])
+        _, second, _ = directors(self.solution.nodes[-1, 3:7])
         return float(np.arctan2(second[2], second[1]))
 
     @property
@@ -705,16 +706,6 @@ def stability(state: Equilibrium, *, degree: int = 4) -> tuple[float, float]:
     return lowest[0], lowest[1]
 
 
-def _frame(q: npt.NDArray) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
-    """Directors of a quaternion (components first), each of shape (3, ...)."""
-    a, b, c, d = q
-    return (
-        np.array([a * a + b * b - c * c - d * d, 2 * (b * c + a * d), 2 * (b * d - a * c)]),
-        np.array([2 * (b * c - a * d), a * a - b * b + c * c - d * d, 2 * (c * d + a * b)]),
-        np.array([2 * (b * d + a * c), 2 * (c * d - a * b), a * a - b * b - c * c + d * d]),
-    )
-
-
 def _family(ribbon: Ribbon, reading: Reading, elements: int, stages: int, layer: float) -> Family:
     one_of("reading", reading, ("mirror", "rotation"))
     integer_at_least("elements", elements, 4)
@@ -725,9 +716,9 @@ def _family(ribbon: Ribbon, reading: Reading, elements: int, stages: int, layer:
     mesh[-1] = _HALF
 
     def right(y: npt.NDArray, p: npt.NDArray) -> npt.NDArray:
-        a, b, c, d = q = y[3:7]
+        q = y[3:7]
         k1, k2, k3 = y[7] / ribbon.hard_bending, y[8], y[9]
-        first, second, third = _frame(q)
+        first, second, third = directors(q)
         m1, (m2, m3) = y[7], ribbon.moments(k2, k3)
         n1 = p[0] * first[0] + p[1] * first[1]
         n2 = p[0] * second[0] + p[1] * second[1]
@@ -739,10 +730,7 @@ def _family(ribbon: Ribbon, reading: Reading, elements: int, stages: int, layer:
         return np.array(
             [
                 *third,
-                -(b * k1 + c * k2 + d * k3) / 2,
-                (a * k1 + c * k3 - d * k2) / 2,
-                (a * k2 + d * k1 - b * k3) / 2,
-                (a * k3 + b * k2 - c * k1) / 2,
+                *quaternion_rate(q, k1, k2, k3),
                 rate1,
                 (twist * rate2 - mixed * rate3) / determinant,
                 (bend * rate3 - mixed * rate2) / determinant,
@@ -750,7 +738,7 @@ def _family(ribbon: Ribbon, reading: Reading, elements: int, stages: int, layer:
         )
 
     def ends(y0: npt.NDArray, y1: npt.NDArray, p: npt.NDArray) -> npt.NDArray:
-        _, second, third = _frame(y1[3:7])
+        _, second, third = directors(y1[3:7])
         turned = [y0[3] - np.cos(p[2] / 2), y0[4], y0[5], y0[6] - np.sin(p[2] / 2)]
         clamp = [y0[0] + 1.0, y0[1], y0[2], *turned]
         if reading == "mirror":  # d3 along x, no moment along x, the force along x
@@ -865,7 +853,7 @@ def _second_variation(state: Equilibrium, degree: int) -> tuple[Array, Array, Ar
         for g, y in enumerate(values):
             k = np.array([y[7] / ribbon.hard_bending, y[8], y[9]])
             m = np.array([y[7], *ribbon.moments(y[8], y[9])])
-            frame = np.array(_frame(y[3:7]))  # rows are directors
+            frame = np.array(directors(y[3:7]))  # rows are directors
             n = frame @ state.force
             bend, mixed, twist = ribbon.tangent_moduli(y[8], y[9])
             moduli = np.array([[ribbon.hard_bending, 0, 0], [0, bend, mixed], [0, mixed, twist]])
