@@ -1,0 +1,926 @@
+"""The walk along a branch: steps, and what is met on the way.
+
+A step is predicted along the tangent and corrected; then everything that happened within it is looked
+for: values to report at, changes of the index, the end of the branch. A step in which something cannot
+be resolved is taken back and taken in parts.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _archive
+from ._branch_file import needed, not_of_family, pack, settings_from, unpack
+from ._branch_records import BranchInterrupted, Event, Outputs, Row, Settings
+from ._corrector import (
+    CONTRACTION,
+    Balanced,
+    CorrectionFailed,
+    Family,
+    Slope,
+    as_balanced,
+    as_equilibrium,
+    correct,
+    correct_on_plane,
+    critical_modes,
+    gauge_of,
+    lowest_of_stable,
+    member,
+)
+from ._descent import descend
+from .equilibrium import Equilibrium, equilibrate
+from .errors import FactorizationError, InvalidInput, NotConverged, StabilityNotResolvable
+from .sensitivities import implicit_derivative, residual_slope
+from .stability import smallest_eigenvalue
+
+Array = NDArray[np.float64]
+
+# A step is natural (at a fixed parameter) while the tangent has at least this share of parameter.
+_NATURAL = 0.3
+# Accepted distance between prediction and correction, as a fraction of the step.
+_LARGEST_DEVIATION = 0.35
+# The deviation that the choice of steps aims at.
+_WANTED_DEVIATION = 0.08
+# Tangents at the ends of a step must agree to this cosine.
+_LARGEST_TURN = math.cos(math.radians(40.0))
+_SHORTEST_STEP = 1e-9
+# Factors that are no simple fractions keep halved steps off symmetric parameter values.
+_SHORTER = 0.4713
+
+
+@dataclass(frozen=True)
+class Tangent:
+    dx: Array
+    dm: Array
+    dp: float
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of the branch close to an anchor: its place relative to it, and its factors."""
+
+    parameter: float
+    sigma: float  # projection on the anchor's tangent
+    balanced: Balanced
+    dx: Array  # from the anchor
+    dm: Array
+    dp: float
+
+    @property
+    def index(self) -> int:
+        return self.balanced.index
+
+
+@dataclass(frozen=True)
+class Crossing:
+    left: Point
+    right: Point
+    exact: Point | None = None  # a point where rounding hides the sign of the pivot
+    fold: bool = False
+
+    @property
+    def sigma(self) -> float:
+        return 0.5 * (self.left.sigma + self.right.sigma)
+
+
+@dataclass(frozen=True)
+class End:
+    sigma: float
+    point: Point
+    reason: str  # "stop", "bound", "closed"
+
+
+class TooLong(Exception):
+    """What happens within a step cannot be resolved: the step must be taken in parts."""
+
+
+class Follower:
+    """Walks along one branch. The only mutable object here; lives for one call."""
+
+    def __init__(
+        self,
+        family: Family,
+        settings: Settings,
+        outputs: Outputs,
+        checkpoint: Path | None,
+        checkpoint_every: float,
+        derivative: Slope | None,
+    ) -> None:
+        self.original = family
+        # Structures derive much when they are first used; around a step the same few come back.
+        self.family: Family = lru_cache(maxsize=8)(family)
+        self.derivative = derivative
+        self.settings = settings
+        self.outputs = outputs
+        self.checkpoint = checkpoint
+        self.checkpoint_every = checkpoint_every
+        self.written = time.monotonic()
+        self.rows: list[Row] = []
+        self.events: list[Event] = []
+        self.finished = False
+        self.ends_at_stop = True
+        self.steps = 0
+        self.ds = settings.step / settings.range
+        self.arclength = 0.0
+        self.parameter = settings.start
+        self.lowest: Array | None = None  # lowest modes of the last row, to start the next from
+        self.known: tuple[Balanced, float, bool] | None = None  # eigenvalue of an end of a step
+        self.anchor: Balanced
+        self.tangent: Tangent
+
+    # -- geometry -------------------------------------------------------------------------------
+
+    def _inner(self, metric: Array, ax: Array, ap: float, bx: Array, bp: float) -> float:
+        s = self.settings
+        return float(ax @ (metric * bx)) / s.scale**2 + ap * bp / s.range**2
+
+    def _metric(self, balanced: Balanced) -> Array:
+        return np.asarray(balanced.structure.metric(balanced.state), dtype=float)
+
+    def _norm(self, metric: Array, dx: Array, dp: float) -> float:
+        return math.sqrt(self._inner(metric, dx, dp, dx, dp))
+
+    def _tangent_at(
+        self, balanced: Balanced, parameter: float, along: tuple[Array, float]
+    ) -> Tangent:
+        slope = residual_slope(
+            self.family, parameter, balanced.state, balanced.multipliers, self.settings.range,
+            self.derivative,
+        )  # fmt: skip
+        dx, dm = implicit_derivative(balanced.factorization, *slope)
+        metric = self._metric(balanced)
+        length = self._norm(metric, dx, 1.0)
+        if self._inner(metric, dx, 1.0, *along) < 0:
+            length = -length
+        return Tangent(dx / length, dm / length, 1.0 / length)
+
+    def _relative(self, parameter: float, balanced: Balanced) -> Point:
+        """Return the place of a state relative to the anchor."""
+        structure = balanced.structure
+        dx = structure.difference(structure.adopt(self.anchor.state), balanced.state)
+        dp = parameter - self.parameter
+        metric = self._metric(self.anchor)
+        return Point(
+            parameter, self._inner(metric, dx, dp, self.tangent.dx, self.tangent.dp), balanced, dx,
+            balanced.multipliers - self.anchor.multipliers, dp,
+        )  # fmt: skip
+
+    def _displaced(self, parameter: float, dx: Array, dm: Array) -> tuple[Any, Any, Array]:
+        structure = member(self.family, parameter)
+        state = structure.adopt(self.anchor.state)
+        if structure.max_step(state, dx) < 1.0:
+            raise CorrectionFailed("the prediction leaves the domain of the energy")
+        return structure, structure.retract(state, dx), self.anchor.multipliers + dm
+
+    def _correct_at(self, parameter: float, dx: Array, dm: Array) -> Point:
+        structure, state, multipliers = self._displaced(parameter, dx, dm)
+        balanced = correct(structure, state, multipliers, tolerance=self.settings.tolerance)
+        return self._relative(parameter, balanced)
+
+    def _correct_across(
+        self,
+        parameter: float,
+        dx: Array,
+        dm: Array,
+        polish: bool = False,
+        contraction: float = CONTRACTION,
+    ) -> Point:
+        """Correct in the plane orthogonal to the anchor's tangent."""
+        _, state, multipliers = self._displaced(parameter, dx, dm)
+        s = self.settings
+        row = (
+            self._metric(self.anchor) * self.tangent.dx / s.scale**2,
+            self.tangent.dp / s.range**2,
+        )
+        slope = residual_slope(self.family, parameter, state, multipliers, s.range, self.derivative)
+        balanced, parameter = correct_on_plane(
+            self.family, parameter, state, multipliers, row, slope, s.range,
+            tolerance=s.tolerance, polish=polish, contraction=contraction,
+            max_iterations=12 if contraction <= CONTRACTION else 40,
+        )  # fmt: skip
+        return self._relative(parameter, balanced)
+
+    def _interpolated(self, end: Point, sigma: float) -> tuple[float, Array, Array]:
+        """Parabola from the anchor, with its tangent, to the end of the step."""
+        t, f = self.tangent, (sigma / end.sigma) ** 2
+        return (
+            self.parameter + sigma * t.dp + f * (end.dp - end.sigma * t.dp),
+            sigma * t.dx + f * (end.dx - end.sigma * t.dx),
+            sigma * t.dm + f * (end.dm - end.sigma * t.dm),
+        )
+
+    def _direction(self, end: Point, sigma: float) -> tuple[Array, Array, float]:
+        """Unit tangent of that parabola."""
+        t, f = self.tangent, 2 * sigma / end.sigma**2
+        dx = t.dx + f * (end.dx - end.sigma * t.dx)
+        dm = t.dm + f * (end.dm - end.sigma * t.dm)
+        dp = t.dp + f * (end.dp - end.sigma * t.dp)
+        length = self._norm(self._metric(self.anchor), dx, dp)
+        return dx / length, dm / length, dp / length
+
+    # -- beginnings -----------------------------------------------------------------------------
+
+    def begin(self, initial: Any) -> None:
+        s = self.settings
+        structure = self.family(s.start)
+        if isinstance(initial, Equilibrium):
+            try:
+                balanced = correct(
+                    structure, structure.adopt(initial.state), initial.multipliers,
+                    tolerance=s.tolerance,
+                )  # fmt: skip
+            except CorrectionFailed as error:
+                raise InvalidInput(
+                    f"argument `initial` is not near an equilibrium of the family at `start` = "
+                    f"{s.start}: {error}; pass a state to search from instead"
+                ) from error
+        else:
+            found = equilibrate(structure, initial, require="stable")
+            balanced = as_balanced(found)
+        self.parameter, self.anchor = s.start, balanced
+        zero = np.zeros(structure.size)
+        sense = math.copysign(1.0, s.stop - s.start)
+        try:
+            self.tangent = self._tangent_at(balanced, s.start, (zero, sense))
+        except FactorizationError as error:
+            raise InvalidInput(
+                f"the state at `start` = {s.start} is critical, so that the branch has no direction: "
+                "start from another parameter value"
+            ) from error
+        self._emit("reported" if s.start in s.report_at else "step", balanced, s.start, 0.0)
+
+    def begin_at_bifurcation(
+        self, event: Event, sign: int, mode: int | Array, amplitude: float | None
+    ) -> None:
+        s = self.settings
+        self.ends_at_stop = False
+        origin = as_balanced(event.equilibrium)
+        self.anchor, self.parameter = origin, event.equilibrium_parameter
+        metric = self._metric(origin)
+        # The direction across the old branch, in the plane of its tangent and the critical mode.
+        old_dx, _, old_dp = event.direction
+        dx, dp = (event.modes[mode] if isinstance(mode, int) else np.array(mode)), 0.0
+        share = self._inner(metric, dx, dp, old_dx, old_dp)
+        dx, dp = dx - share * old_dx, dp - share * old_dp
+        length = sign * self._norm(metric, dx, dp)
+        if not abs(length) > 0:
+            raise InvalidInput("the critical mode lies along the branch itself: nothing crosses it")
+        m = origin.multipliers.size
+        self.tangent = Tangent(dx / length, np.zeros(m), dp / length)
+        first: Point | None = None
+        tried = (amplitude,) if amplitude is not None else (0.01, 0.003, 0.03, 0.001, 0.1, 0.3)
+        for size in tried:
+            try:
+                point = self._correct_across(
+                    self.parameter + size * self.tangent.dp, size * self.tangent.dx,
+                    np.zeros(m), contraction=0.95,
+                )  # fmt: skip
+            except (CorrectionFailed, FactorizationError):
+                continue
+            far = self._norm(metric, point.dx, point.dp) > 4 * size
+            if far or point.balanced.marginal:
+                continue
+            first = point
+            break
+        if first is None:
+            raise BranchInterrupted(
+                f"no state was found on the branch that crosses at {event.parameter:.6g}, at distances "
+                f"{tried} along its mode; pass another `amplitude`, another `mode`, or locate the "
+                "event with a smaller `event_tolerance`",
+                state=event.equilibrium.state,
+            )  # fmt: skip
+        self._emit("event", origin, self.parameter, 0.0)
+        self.anchor, self.parameter = first.balanced, first.parameter
+        self.arclength = self._norm(metric, first.dx, first.dp)
+        try:
+            self.tangent = self._tangent_at(first.balanced, first.parameter, (first.dx, first.dp))
+        except FactorizationError:
+            length = self._norm(metric, first.dx, first.dp)
+            self.tangent = Tangent(first.dx / length, first.dm / length, first.dp / length)
+        self.ds = min(self.ds, self.arclength)
+        kind = "reported" if self.parameter in s.report_at else "step"
+        self._emit(kind, first.balanced, self.parameter, self.arclength)
+
+    # -- the walk -------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Walk to the end of the branch."""
+        try:
+            while not self.finished:
+                if self.steps >= self.settings.max_steps:
+                    raise self._interrupted(
+                        f"the branch has not come to its end after {self.steps} steps, at parameter "
+                        f"{self.parameter:.8g}; raise `max_steps`, or give `bounds`"
+                    )
+                self.steps += 1
+                self._advance()
+                if self.checkpoint and time.monotonic() - self.written > self.checkpoint_every:
+                    self._write()
+        finally:
+            if self.checkpoint and self.rows:
+                self._write()
+
+    def _interrupted(self, message: str) -> BranchInterrupted:
+        return BranchInterrupted(
+            f"{message}; the attribute `branch` of this error holds the {len(self.rows)} states found",
+            history=self.anchor.history, state=self.anchor.state,
+        )  # fmt: skip
+
+    def _ends(self) -> list[tuple[float, str]]:
+        s = self.settings
+        ends = [(s.stop, "stop")] if self.ends_at_stop else []
+        return ends + [(b, "bound") for b in (s.lower, s.upper) if b is not None]
+
+    def _advance(self) -> None:
+        """Take one step, with everything that happens on it."""
+        while True:
+            end, tangent = self._step()
+            try:
+                end, last, crossings, reports = self._within(end, tangent)
+                break
+            except TooLong as error:
+                length = self._norm(self._metric(self.anchor), end.dx, end.dp)
+                if length * _SHORTER < _SHORTEST_STEP:
+                    raise self._interrupted(str(error)) from error
+                self.ds = length * _SHORTER
+        marks: list[tuple[float, int, Any]] = [(point.sigma, 0, point) for point in reports]
+        marks += [(crossing.sigma, 1, crossing) for crossing in crossings]
+        metric = self._metric(self.anchor)
+        for _, kind, mark in sorted(marks, key=lambda mark: mark[:2]):
+            if kind == 0:
+                where = self.arclength + self._norm(metric, mark.dx, mark.dp)
+                self._emit("reported", mark.balanced, mark.parameter, where)
+            elif self._event(mark, end):
+                return
+        final = end if last is None else last.point
+        self.arclength += self._norm(metric, final.dx, final.dp)
+        reported = final.parameter in self.settings.report_at
+        self._emit(
+            "reported" if reported else "step", final.balanced, final.parameter, self.arclength
+        )
+        if last is not None:
+            if last.reason != "stop":
+                self._end_event(last, metric)
+            self.finished = True
+        self.anchor, self.parameter, self.tangent = final.balanced, final.parameter, tangent
+
+    def _within(
+        self, end: Point, tangent: Tangent
+    ) -> tuple[Point, End | None, list[Crossing], list[Point]]:
+        """Return what happens on a step: its end, the end of the branch, events, and reports."""
+        turned = tangent.dp * self.tangent.dp < 0
+        last = self._end_between([(None, end)]) if not turned else None
+        if last is not None and last.sigma < end.sigma:
+            end, last = last.point, End(last.point.sigma, last.point, last.reason)
+        start = Point(
+            self.parameter, 0.0, self.anchor, np.zeros_like(end.dx), np.zeros_like(end.dm), 0.0
+        )
+        crossings: list[Crossing] = []
+        if not end.balanced.marginal:
+            self._refuse_hidden_changes(end)
+            crossings = self._classified(end, self._located(start, end, end), turned)
+        if turned and not crossings:
+            crossings = [Crossing(start, end, fold=True)]
+        pieces: list[tuple[Point | None, Point]] = []
+        begin: Point | None = None
+        for crossing in crossings:
+            if crossing.fold:
+                pieces.append((begin, crossing.left))
+                begin = crossing.right
+        pieces.append((begin, end))
+        if last is None and turned:
+            last = self._end_between(pieces)
+        if last is None and len(self.rows) > 3:
+            last = self._closed(pieces)
+        limit = end.sigma if last is None else last.sigma
+        reports = self._reports(pieces, end, limit)
+        return end, last, [c for c in crossings if c.sigma <= limit], reports
+
+    def _step(self) -> tuple[Point, Tangent]:
+        """Return the end of an accepted step, and the tangent there. Adapts the step."""
+        s = self.settings
+        reason = ""
+        metric = self._metric(self.anchor)
+        while True:
+            ds = min(self.ds, s.max_step / s.range)
+            if ds < _SHORTEST_STEP:
+                raise self._interrupted(
+                    f"the branch cannot be continued at parameter {self.parameter:.10g}: steps became "
+                    f"shorter than {_SHORTEST_STEP:g} of the interval ({reason}); check that the "
+                    "family is smooth there, and its derivatives right"
+                )
+            t = self.tangent
+            natural = abs(t.dp) > _NATURAL * s.range
+            target = self.parameter + ds * t.dp
+            if natural:
+                for value, _ in self._ends():  # hit the end exactly
+                    if (value - self.parameter) * (target - value) > 0:
+                        target = value
+                ds = (target - self.parameter) / t.dp
+            try:
+                if natural:
+                    point = self._correct_at(target, ds * t.dx, ds * t.dm)
+                else:
+                    point = self._correct_across(target, ds * t.dx, ds * t.dm)
+                if point.balanced.marginal:
+                    if natural and any(target == value for value, _ in self._ends()):
+                        return point, t  # an end of the interval is critical itself
+                    raise CorrectionFailed("the state is critical to working precision")
+                deviation = self._norm(
+                    metric, point.dx - ds * t.dx, point.dp - ds * t.dp
+                ) / ds  # fmt: skip
+                if deviation > _LARGEST_DEVIATION:
+                    raise CorrectionFailed(f"the branch bends by {deviation:.2g} of the step")
+                tangent = self._next_tangent(point, deviation)
+                if ds > 1e-5:
+                    self._refuse_hidden_turns(point, tangent)
+            except (CorrectionFailed, FactorizationError) as error:
+                reason = str(error)
+                self.ds = ds * _SHORTER
+                continue
+            break
+        growth = min(2.0, 1.5 * 0.7 ** (point.balanced.iterations - 3))
+        growth = min(growth, math.sqrt(_WANTED_DEVIATION / max(deviation, 1e-12)) + 0.3)
+        self.ds = ds * max(0.4, growth) if ds >= 0.999 * self.ds or growth < 1 else self.ds
+        return point, tangent
+
+    def _refuse_hidden_turns(self, point: Point, tangent: Tangent) -> None:
+        """Raise if the parameter seems to turn, and turn back, within a step."""
+        if tangent.dp * self.tangent.dp < 0:
+            if point.index == self.anchor.index:
+                raise CorrectionFailed("the parameter turns without a change of the index")
+            return
+        if point.dp * self.tangent.dp <= 0:
+            raise CorrectionFailed("the parameter turns twice")
+        # Slope of the cubic that fits values and slopes at both ends, over the mean slope.
+        length = self._norm(self._metric(self.anchor), point.dx, point.dp)
+        a, b = self.tangent.dp * length / point.dp, tangent.dp * length / point.dp
+        bend = 3.0 * (a + b - 2.0)
+        place = (2.0 * a + b - 3.0) / bend if bend > 0 else 0.0
+        if 0.0 < place < 1.0 and a - bend * place**2 < -1e-3:
+            raise CorrectionFailed("the parameter seems to turn twice")
+
+    def _refuse_hidden_changes(self, end: Point) -> None:
+        """Raise if stability is lost and regained within a step, when there is reason to look.
+
+        There is when an eigenvalue at either end is smaller than its changes from step to step.
+        """
+        if not self.settings.eigenvalues or end.index != self.anchor.index:
+            return
+        values = [row.smallest_eigenvalue for row in self.rows[-2:]]
+        if end.index > 0 or len(values) < 2 or not np.all(np.isfinite(values)):
+            return
+        self.known = (
+            end.balanced,
+            *self._smallest(end.balanced, as_equilibrium(end.balanced, factors=True)),
+        )
+        values.append(self.known[1])
+        if min(values[1:]) < max(abs(np.diff(values))):
+            if self._interpolated_index(end, 0.5 * end.sigma) == end.index:
+                return
+            middle = self._on_step(end, 0.5 * end.sigma)
+            if middle.index != end.index and not middle.balanced.marginal:
+                raise TooLong("stability is lost and regained within one step")
+
+    def _interpolated_index(self, end: Point, sigma: float) -> int | None:
+        """Return the number of unstable directions on the parabola through the step.
+
+        It differs from the branch by the third power of the step; None if it cannot be told there.
+        """
+        try:
+            structure, state, multipliers = self._displaced(*self._interpolated(end, sigma))
+            kkt = structure.evaluate(state, multipliers, 2).kkt
+            factors = kkt.factorize(gauge=gauge_of(structure, state))
+        except (CorrectionFailed, FactorizationError):
+            return None
+        return None if factors.inertia[2] else factors.index
+
+    def _next_tangent(self, point: Point, deviation: float) -> Tangent:
+        metric = self._metric(self.anchor)
+        tangent = self._tangent_at(point.balanced, point.parameter, (point.dx, point.dp))
+        turn = self._inner(metric, tangent.dx, tangent.dp, self.tangent.dx, self.tangent.dp)
+        dx, dm, dp = self._direction(point, point.sigma)
+        agreement = self._inner(metric, tangent.dx, tangent.dp, dx, dp)
+        if deviation <= 0.1 and agreement < 0.9:
+            # The step itself is straight. Next to a bifurcation the solution for the tangent is
+            # polluted by the critical mode; the parabola through the step is not.
+            return Tangent(dx, dm, dp)
+        if turn >= _LARGEST_TURN:
+            return tangent
+        raise CorrectionFailed(f"the tangent turns by {math.degrees(math.acos(turn)):.0f} degrees"
+                               if abs(turn) <= 1 else "the tangent changes its length")  # fmt: skip
+
+    # -- where a parameter value is met -----------------------------------------------------------
+
+    def _met(self, value: float, left: Point | None, right: Point, end: Point) -> Point:
+        """Return the state at exactly `value` between two points of a monotone piece."""
+        low, p_low = (0.0, self.parameter) if left is None else (left.sigma, left.parameter)
+        high, p_high = right.sigma, right.parameter
+        if value == p_high:
+            return right
+        slack = 1e-9 * end.sigma
+        for attempt in range(60):
+            # Invert the parabola of the step inside the bracket.
+            a, b = low, high
+            if attempt % 3 == 2:
+                a = b = 0.5 * (low + high)
+            for _ in range(60):
+                if b - a <= 1e-3 * (high - low):
+                    break
+                mid = 0.5 * (a + b)
+                above = self._interpolated(end, mid)[0] >= value
+                a, b = (a, mid) if above == (p_high > p_low) else (mid, b)
+            sigma = 0.5 * (a + b)
+            _, dx, dm = self._interpolated(end, sigma)
+            try:
+                point = self._correct_at(value, dx, dm)
+                if low - slack <= point.sigma <= high + slack:
+                    return point
+            except (CorrectionFailed, FactorizationError):
+                pass
+            if high - low <= 1e-12 * end.sigma:
+                break
+            point = self._on_step(end, sigma)
+            if (point.parameter >= value) == (p_high > p_low):
+                high = sigma
+            else:
+                low = sigma
+        raise TooLong(
+            f"no state was found at parameter {value:.10g}, although the branch passes it between "
+            f"{p_low:.10g} and {p_high:.10g}; leave this value out, or move it off the fold"
+        )
+
+    def _end_between(self, pieces: list[tuple[Point | None, Point]]) -> End | None:
+        """Return the first end of the branch on monotone pieces of the step."""
+        found: list[End] = []
+        end = pieces[-1][1]
+        for left, right in pieces:
+            before = self.parameter if left is None else left.parameter
+            for value, reason in self._ends():
+                passed = (value - before) * (right.parameter - value)
+                if (passed > 0 or value == right.parameter) and value != before:
+                    point = self._met(value, left, right, end)
+                    found.append(End(point.sigma, point, reason))
+        return min(found, key=lambda item: item.sigma, default=None)
+
+    def _closed(self, pieces: list[tuple[Point | None, Point]]) -> End | None:
+        """Return the place where the branch comes back to its first state, if it does."""
+        first = self.rows[0]
+        end = pieces[-1][1]
+        for left, right in pieces:
+            before = self.parameter if left is None else left.parameter
+            if not (first.parameter - before) * (right.parameter - first.parameter) > 0:
+                continue
+            structure, metric = self.anchor.structure, self._metric(self.anchor)
+            far = structure.difference(self.anchor.state, structure.adopt(first.equilibrium.state))
+            if self._norm(metric, far, 0.0) > 2 * self._norm(metric, end.dx, end.dp):
+                continue
+            point = self._met(first.parameter, left, right, end)
+            structure = point.balanced.structure
+            gap = structure.difference(first.equilibrium.state, point.balanced.state)
+            if self._norm(metric, gap, 0.0) <= 1e-6:
+                return End(point.sigma, point, "closed")
+        return None
+
+    def _reports(
+        self, pieces: list[tuple[Point | None, Point]], end: Point, limit: float
+    ) -> list[Point]:
+        points = []
+        for left, right in pieces:
+            before = self.parameter if left is None else left.parameter
+            for value in self.settings.report_at:
+                if (value - before) * (right.parameter - value) > 0:
+                    point = self._met(value, left, right, end)
+                    if point.sigma < limit:
+                        points.append(point)
+        return points
+
+    # -- events -----------------------------------------------------------------------------------
+
+    def _on_step(self, end: Point, sigma: float) -> Point:
+        """Return the state of the branch at projection `sigma` of the step."""
+        reason: Exception | None = None
+        # A neighboring place will do when the corrector stumbles over a critical state.
+        for nudge in (0.0, 1e-3, -1e-3, 1e-2, -1e-2):
+            place = sigma * (1 + nudge)
+            if not 0 < place < end.sigma:
+                continue
+            try:
+                return self._correct_across(*self._interpolated(end, place), polish=True)
+            except (CorrectionFailed, FactorizationError) as error:
+                reason = error
+        raise TooLong(
+            f"no state was found at parameter {self._interpolated(end, sigma)[0]:.10g}, within an "
+            f"accepted step ({reason}); use a smaller `max_step`"
+        )
+
+    def _located(self, left: Point, right: Point, end: Point) -> list[Crossing]:
+        """Return the changes of index between two points, each in a short bracket."""
+        if left.index == right.index:
+            return []
+        shortest = self.settings.event_tolerance
+        single = abs(left.index - right.index) == 1
+        values = (math.nan, math.nan)
+        if single:
+            values = (self._test(left), self._test(right))
+        last_root, widths = math.nan, [math.inf]
+        for _ in range(200):
+            width = right.sigma - left.sigma
+            if width <= shortest:
+                return [Crossing(left, right)]
+            root = left.sigma + 0.5 * width
+            slow = len(widths) > 3 and width > 0.3 * widths[-3]
+            widths.append(width)
+            if single and values[0] * values[1] < 0 and not slow:
+                root = left.sigma + width * values[0] / (values[0] - values[1])
+                change = abs(root - last_root) if math.isfinite(last_root) else 0.2 * width
+                last_root = root
+                # Aim a little beyond the root, so that the far end of the bracket comes close.
+                aside = max(change, 0.4 * shortest)
+                root += aside if right.sigma - root > root - left.sigma else -aside
+                inside = min(0.4 * shortest, 0.5 * width)
+                root = min(max(root, left.sigma + inside), right.sigma - inside)
+            middle = self._on_step(end, root)
+            if middle.balanced.marginal:
+                return [Crossing(left, right, exact=middle)]
+            if not left.sigma < middle.sigma < right.sigma:
+                if width > 1e3 * shortest:
+                    raise TooLong(
+                        f"states near parameter {middle.parameter:.10g} do not follow one another"
+                    )
+                return [Crossing(left, right)]  # rounding: the bracket cannot be divided further
+            if middle.index == left.index:
+                left = middle
+                values = (self._test(left) if single else math.nan, values[1])
+            elif middle.index == right.index:
+                right = middle
+                values = (values[0], self._test(right) if single else math.nan)
+            else:
+                return self._located(left, middle, end) + self._located(middle, right, end)
+        return [Crossing(left, right)]
+
+    def _test(self, point: Point) -> float:
+        """Return the eigenvalue of smallest size: it goes through zero at an event."""
+        try:
+            return float(critical_modes(point.balanced, 1, iterations=6)[0][0])
+        except FactorizationError:
+            return math.nan
+
+    def _classified(self, end: Point, crossings: list[Crossing], turned: bool) -> list[Crossing]:
+        """Tell folds from bifurcations: only at a fold does the parameter turn."""
+        if not crossings:
+            return []
+        signs = [math.copysign(1.0, self.tangent.dp)]
+        for one, other in itertools.pairwise(crossings):
+            between = self._on_step(end, 0.5 * (one.sigma + other.sigma))
+            direction = self._direction(end, between.sigma)
+            try:
+                tangent = self._tangent_at(between.balanced, between.parameter, direction[::2])
+                signs.append(math.copysign(1.0, tangent.dp))
+            except FactorizationError:
+                signs.append(math.copysign(1.0, direction[2]))
+        signs.append(-signs[0] if turned else signs[0])
+        for crossing in crossings:
+            left, right = crossing.left, crossing.right
+            gap = self._norm(
+                self._metric(self.anchor), right.dx - left.dx, right.dp - left.dp
+            ) - 10 * (right.sigma - left.sigma)  # fmt: skip
+            if gap > 1e-6:
+                raise TooLong(
+                    f"the states on both sides of a change of stability at parameter "
+                    f"{left.parameter:.10g} belong to different branches"
+                )
+        return [
+            replace(crossing, fold=signs[i] != signs[i + 1]) for i, crossing in enumerate(crossings)
+        ]
+
+    def _event(self, crossing: Crossing, end: Point) -> bool:
+        """Record a fold or a bifurcation. Return whether the walk does not go on from the step."""
+        s = self.settings
+        left, right = crossing.left, crossing.right
+        stable_side = left if left.index <= right.index else right
+        count = max(abs(left.index - right.index), 1)
+        _, modes = critical_modes(stable_side.balanced, count)
+        direction = self._direction(end, crossing.sigma)
+        metric = self._metric(self.anchor)
+        if crossing.exact is not None:
+            parameter = crossing.exact.parameter
+            bracket = max(abs(left.parameter - parameter), abs(right.parameter - parameter))
+        else:
+            parameter = 0.5 * (left.parameter + right.parameter)
+            bracket = 0.5 * abs(left.parameter - right.parameter)
+        width = right.sigma - left.sigma
+        if crossing.fold:
+            # The parameter is extremal within the bracket: its curvature bounds what is missed.
+            bracket += abs(end.dp - end.sigma * self.tangent.dp) * (width / end.sigma) ** 2
+            if float(modes[0] @ (metric * direction[0])) < 0:
+                modes = modes * np.array([-1.0] + [1.0] * (count - 1))[:, None]
+        where = self.arclength + self._norm(metric, stable_side.dx, stable_side.dp)
+        kind = "fold" if crossing.fold else "bifurcation"
+        bracket = max(bracket, 4 * np.finfo(float).eps * max(abs(parameter), s.range))
+        bracket += stable_side.balanced.correction * s.range
+        bracket += self._hidden(left, right, stable_side, modes[0])
+        row = self._emit("event", stable_side.balanced, stable_side.parameter, where)
+        event = Event(
+            kind=kind, parameter=float(parameter), uncertainty=float(bracket), arclength=where,
+            equilibrium=self.rows[row].equilibrium, row=row, modes=modes,
+            index_before=left.index, index_after=right.index, direction=direction,
+            equilibrium_parameter=stable_side.parameter,
+            detail=f"{kind}: the number of unstable directions goes from {left.index} to {right.index}",
+        )  # fmt: skip
+        self.events.append(event)
+        lost = left.index == 0
+        if s.on_fold == "stop" and (crossing.fold or lost):
+            self._arrive(left if lost else stable_side, direction, where)
+            self.finished = True
+            return True
+        if s.on_fold == "snap" and lost:
+            self._snap(event, crossing, end, direction)
+            return True
+        return False
+
+    def _hidden(self, left: Point, right: Point, near: Point, mode: Array) -> float:
+        """Return the range of the parameter in which rounding hides the sign of the eigenvalue."""
+        balanced = near.balanced
+        kkt = balanced.evaluation.kkt
+        assert kkt is not None
+        terms, _ = kkt.magnitude(mode, np.zeros_like(balanced.multipliers))
+        floor = float(balanced.structure.noise(balanced.state)) * float(np.abs(mode) @ terms)
+        change = abs(self._test(right) - self._test(left))
+        run = abs(right.parameter - left.parameter)
+        return 0.0 if not change > 0 else min(floor / change, 1e3) * run
+
+    def _arrive(self, point: Point, direction: tuple[Array, Array, float], where: float) -> None:
+        self.anchor, self.parameter = point.balanced, point.parameter
+        self.tangent, self.arclength = Tangent(*direction), where
+
+    def _end_event(self, last: End, metric: Array) -> None:
+        words = {
+            "bound": "the branch leaves its bounds",
+            "closed": "the branch has come back to its first state",
+        }
+        index = last.point.index
+        self.events.append(
+            Event(
+                kind="end",
+                parameter=last.point.parameter,
+                uncertainty=0.0,
+                arclength=self.arclength,
+                equilibrium=self.rows[-1].equilibrium,
+                row=len(self.rows) - 1,
+                modes=np.zeros((0, last.point.dx.size)),
+                index_before=index,
+                index_after=index,
+                direction=(self.tangent.dx, self.tangent.dm, self.tangent.dp),
+                equilibrium_parameter=last.point.parameter,
+                detail=words[last.reason],
+            )
+        )
+
+    def _snap(
+        self, event: Event, crossing: Crossing, end: Point, direction: tuple[Array, Array, float]
+    ) -> None:
+        """Freeze the parameter just beyond the loss of stability, descend, and begin anew."""
+        s = self.settings
+        left = crossing.left
+        sense = math.copysign(1.0, self.tangent.dp)
+        frozen = event.parameter + sense * max(s.overshoot * s.range, 10 * event.uncertainty)
+        for value, _ in self._ends():
+            if (value - self.parameter) * (frozen - value) > 0:
+                frozen = value
+        signs = (1,) if crossing.fold else (s.sign, -s.sign)
+        self._arrive(left, direction, event.arclength)
+        after = descend(self.family(frozen), left.balanced, event.modes, signs, self._interrupted)
+        before = self.family(frozen)
+        energy = before.evaluate(
+            before.adopt(left.balanced.state), left.balanced.multipliers, 0
+        ).energy  # fmt: skip
+        row = self._emit("event", as_balanced(after), frozen, event.arclength)
+        self.events.append(
+            replace(
+                event,
+                kind="snap",
+                after=self.rows[row].equilibrium,
+                after_row=row,
+                energy_released=energy - after.energy,
+                detail=f"snap after a {event.kind}, with the parameter frozen at {frozen:.10g}",
+            )
+        )
+        self.anchor, self.parameter = as_balanced(after), frozen
+        self.ds = s.step / s.range
+        zero = np.zeros_like(left.dx)
+        self.tangent = self._tangent_at(self.anchor, frozen, (zero, sense))
+        self.finished = self.ends_at_stop and frozen == s.stop
+
+    # -- rows -------------------------------------------------------------------------------------
+
+    def _emit(self, kind: str, balanced: Balanced, parameter: float, arclength: float) -> int:
+        full = as_equilibrium(balanced, factors=True)
+        value, marginal = math.nan, balanced.marginal
+        if self.settings.eigenvalues and not marginal:
+            if self.known is not None and self.known[0] is balanced:
+                _, value, marginal = self.known
+            else:
+                value, marginal = self._smallest(balanced, full)
+        outputs: dict[str, float] = {}
+        for name, function in self.outputs.items():
+            result = np.asarray(function(full))
+            if result.shape != () or result.dtype.kind not in "biuf":
+                raise InvalidInput(
+                    f"the output {name!r} returned {result!r} at parameter {parameter:.8g}; it must "
+                    "return a number"
+                )
+            outputs[name] = float(result)
+        self.rows.append(
+            Row(
+                kind,
+                float(parameter),
+                float(arclength),
+                value,
+                balanced.index,
+                marginal,
+                outputs,
+                as_equilibrium(balanced),
+            )
+        )
+        return len(self.rows) - 1
+
+    def _smallest(self, balanced: Balanced, full: Equilibrium) -> tuple[float, bool]:
+        """Return the smallest eigenvalue, and whether rounding hides its sign."""
+        factor = balanced.factorization
+        free = factor.n - factor.m - factor.g
+        if free < 1:  # the constraints leave no motion: nothing that could be unstable
+            return math.nan, False
+        if self.lowest is not None and balanced.stable:
+            warm = lowest_of_stable(balanced, self.lowest)
+            if warm is not None:
+                self.lowest = warm[1]
+                return warm[0], warm[0] <= warm[2]
+        try:
+            spectrum = smallest_eigenvalue(full, count=min(3, free))
+        except (FactorizationError, StabilityNotResolvable, NotConverged):
+            return math.nan, False
+        self.lowest = spectrum.modes
+        value = float(spectrum.values[0])
+        return value, abs(value) <= spectrum.floor
+
+    # -- files ------------------------------------------------------------------------------------
+
+    def _write(self) -> None:
+        assert self.checkpoint is not None
+        meta, arrays = pack(self.rows, self.events, self.settings, self.finished)
+        meta["cursor"] = {
+            "steps": self.steps, "ds": self.ds, "arclength": self.arclength,
+            "parameter": self.parameter, "dp": self.tangent.dp, "ends_at_stop": self.ends_at_stop,
+        }  # fmt: skip
+        arrays |= {"cursor.dx": self.tangent.dx, "cursor.dm": self.tangent.dm}
+        arrays |= _archive.pack_values("cursor.state", [self.anchor.state])
+        arrays["cursor.multipliers"] = self.anchor.multipliers
+        _archive.write(self.checkpoint, meta, arrays)
+        self.written = time.monotonic()
+
+    def resume(self) -> bool:
+        """Take up what the checkpoint holds. Return whether there is one."""
+        assert self.checkpoint is not None
+        if not self.checkpoint.exists():
+            return False
+        path = self.checkpoint
+        meta, arrays = _archive.read(path, "branch")
+        found = settings_from(meta, path)
+        wanted = self.settings
+        # A larger number of steps is what one asks for after too few.
+        if replace(found, max_steps=wanted.max_steps) != wanted:
+            names = [k for k, v in asdict(wanted).items() if asdict(found)[k] != v]
+            raise InvalidInput(
+                f"argument `checkpoint` is {str(path)!r}, which belongs to a call with other values of "
+                f"{', '.join(names)}; repeat that call, or name another file"
+            )
+        rows, events, _, self.finished = unpack(meta, arrays, self.original, path)
+        self.rows, self.events = list(rows), list(events)
+        cursor = needed(meta, "cursor", path)
+        self.steps, self.ds = int(cursor["steps"]), float(cursor["ds"])
+        self.arclength = float(cursor["arclength"])
+        self.parameter = float(cursor["parameter"])
+        self.ends_at_stop = bool(cursor["ends_at_stop"])
+        structure = self.family(self.parameter)
+        like = self.rows[0].equilibrium.state
+        state = _archive.unpack_values("cursor.state", arrays, like, 1)[0]
+        try:
+            self.anchor = correct(
+                structure, structure.adopt(state), arrays["cursor.multipliers"],
+                tolerance=self.settings.tolerance, max_iterations=2,
+            )  # fmt: skip
+        except (CorrectionFailed, KeyError) as error:
+            if not self.finished:
+                raise not_of_family(path, self.parameter) from error
+        self.tangent = Tangent(arrays["cursor.dx"], arrays["cursor.dm"], float(cursor["dp"]))
+        return True
