@@ -261,26 +261,36 @@ def test_closures_from_two_processes_keep_their_own_code(tiny):
 @pytest.mark.parametrize(
     "damage",
     [
-        lambda data: b"",
-        lambda data: data[: len(data) // 2],
-        lambda data: b"rubbish" * 1000,
-        lambda data: data[:-100] + bytes(b ^ 0x55 for b in data[-100:]),
-        lambda data: data[:400] + bytes([data[400] ^ 1]) + data[401:],
-        lambda data: sealed(b"not a pickle"),
-        lambda data: sealed(pickle.dumps(("some", "other", "content"))),
+        lambda data, path: b"",
+        lambda data, path: data[: len(data) // 2],
+        lambda data, path: b"rubbish" * 1000,
+        lambda data, path: data[:-100] + bytes(b ^ 0x55 for b in data[-100:]),
+        lambda data, path: data[:400] + bytes([data[400] ^ 1]) + data[401:],
+        lambda data, path: sealed(path, b"not a pickle"),
+        lambda data, path: sealed(path, pickle.dumps(("some", "other", "content"))),
+        lambda data, path: sealed(path.with_name("another.bin"), data[HEAD:]),
     ],
-    ids=["empty", "truncated", "rubbish", "tail", "one bit", "unreadable", "other content"],
+    ids=[
+        "empty",
+        "truncated",
+        "rubbish",
+        "tail",
+        "one bit",
+        "unreadable",
+        "other content",
+        "another name",
+    ],
 )
 def test_damaged_entries_are_compiled_anew(tiny, filled, damage):
     tiny.cache = tiny.folder / "copy"
     shutil.copytree(filled.cache, tiny.cache)
     for path in tiny.entries():
-        path.write_bytes(damage(path.read_bytes()))
+        path.write_bytes(damage(path.read_bytes(), path))
     assert tiny.run(BY_MODULE) == [12.0, 0]
     assert len(tiny.entries()) == len(filled.entries())
     for path in tiny.entries():  # whole again
         data = path.read_bytes()
-        assert data == sealed(data[len(_compile._MAGIC) + 32 :])
+        assert data == sealed(path, data[HEAD:])
 
 
 BY_MODULE = """
@@ -298,8 +308,63 @@ def filled(tmp_path_factory):
     return filled
 
 
-def sealed(payload):
-    return _compile._MAGIC + hashlib.sha256(payload).digest() + payload
+HEAD = len(_compile._MAGIC) + 32
+
+
+def sealed(path, payload):
+    digest = hashlib.sha256(path.name.encode() + b"\0" + payload).digest()
+    return _compile._MAGIC + digest + payload
+
+
+class Bomb:
+    """A pickle that leaves a mark when it is loaded."""
+
+    def __init__(self, mark):
+        self.mark = str(mark)
+
+    def __reduce__(self):
+        return open, (self.mark, "w")
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files of this system have no mode")
+@pytest.mark.parametrize("whose", ["ours alone", "our group's", "everybody's", "another user's"])
+def test_an_entry_that_another_user_could_have_written_is_not_loaded(tiny, filled, whose):
+    """A pickle runs code when it is loaded: one that is only ours does, others are replaced."""
+    tiny.cache = tiny.folder / "copy"
+    shutil.copytree(filled.cache, tiny.cache)
+    mark = tiny.folder / "mark"
+    entries = tiny.entries()
+    for path in entries:
+        path.write_bytes(sealed(path, pickle.dumps(Bomb(mark))))
+        path.chmod({"our group's": 0o664, "everybody's": 0o666}.get(whose, 0o644))
+        if whose == "another user's":
+            if os.geteuid() != 0:
+                pytest.skip("only root gives files away")
+            os.chown(path, 12345, -1)
+    assert tiny.run(BY_MODULE) == [12.0, 0]
+    assert mark.exists() == (whose == "ours alone")
+    for path in entries:
+        status = path.stat()
+        assert status.st_uid == os.geteuid() and not status.st_mode & 0o022
+    assert tiny.run(BY_MODULE) == [12.0, 1]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_in_the_place_of_an_entry_blocks_nobody(tiny, filled):
+    tiny.cache = tiny.folder / "copy"
+    shutil.copytree(filled.cache, tiny.cache)
+    for path in tiny.entries():
+        path.unlink()
+        os.mkfifo(path, 0o600)
+    assert tiny.run(BY_MODULE) == [12.0, 0]
+    assert all(path.is_file() for path in tiny.entries())
+
+
+@pytest.mark.skipif(not hasattr(os, "umask"), reason="files of this system have no mode")
+def test_entries_are_written_by_us_alone_whatever_the_umask(tiny):
+    assert tiny.run("import os; os.umask(0)\n" + textwrap.dedent(BY_MODULE)) == [12.0, 0]
+    assert {path.stat().st_mode & 0o022 for path in tiny.entries()} == {0}
+    assert tiny.run(BY_MODULE) == [12.0, 1]
 
 
 WARNINGS = """
@@ -332,21 +397,16 @@ def test_a_folder_that_cannot_be_written_gives_one_warning_and_right_numbers(tin
 
 
 def test_a_full_disk_gives_one_warning_and_right_numbers(tiny):
+    pytest.importorskip("resource", reason="this system has no limits for files")
     full = """
-        import errno
-        from pathlib import Path
-        real = Path.write_bytes
-        def write_bytes(self, data):
-            if self.suffix == ".tmp":
-                real(self, data[:10])
-                raise OSError(errno.ENOSPC, "No space left on device")
-            return real(self, data)
-        Path.write_bytes = write_bytes
+        import resource
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))  # writing fails in the middle
     """
     results, messages, _ = tiny.run(textwrap.dedent(full) + textwrap.dedent(WARNINGS))
     assert results == [1.5, 12.0, 15.5, 2.5]
     assert len(messages) == 1
-    assert "No space left" in messages[0]
+    assert "File too large" in messages[0]
+    assert "LISSOME_CACHE" in messages[0]
     assert list((tiny.cache / "compiled").iterdir()) == []
 
 

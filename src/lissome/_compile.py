@@ -44,6 +44,11 @@ else ``__pycache__`` of the package. If none can be written there is one
 is recompiled. Entries are written atomically, and the least recently used ones are removed when the
 folder exceeds its budget.
 
+Entries are pickles of machine code: whoever can write one can run code. So an entry is read only if
+it belongs to this user or to root and nobody else may write it, however open its folder is; others
+are compiled anew and replaced. An entry is sealed together with its name: under another one it is
+damaged.
+
 Importing this module imports numba; ``import lissome`` does not.
 """
 
@@ -57,6 +62,7 @@ import os
 import pickle
 import re
 import secrets
+import stat
 import sys
 import tempfile
 import types as pytypes
@@ -87,8 +93,11 @@ __all__ = ["fingerprint", "jit", "make_jit"]
 
 _log = logging.getLogger(__name__)
 
-_MAGIC = b"lissome compiled 1\n"
+_MAGIC = b"lissome compiled 2\n"
 _BUDGET = 512 * 2**20  # bytes; above it the least recently used entries go, down to half of it
+_BINARY = getattr(os, "O_BINARY", 0)
+_READ = os.O_RDONLY | _BINARY | getattr(os, "O_NONBLOCK", 0)  # a pipe in its place blocks nobody
+_WRITE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
 _EXTENDS_NUMBA = re.compile(
     rb"\b(extending|overload\w*|intrinsic|jitclass|structref|register_\w+)\b"
 )
@@ -230,6 +239,19 @@ def fingerprint(function: Any) -> str | None:
 # The folder of compiled code
 
 
+def _seal(path: Path, payload: bytes) -> bytes:
+    """Return the head of an entry: what is stored, and under which name (it holds the key)."""
+    return _MAGIC + hashlib.sha256(path.name.encode() + b"\0" + payload).digest()
+
+
+def _only_ours(status: os.stat_result) -> bool:
+    """Tell whether nobody but this user and root can have written a file."""
+    if not hasattr(os, "geteuid"):  # Windows: the folders of a user are closed to others
+        return True
+    alone = not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return stat.S_ISREG(status.st_mode) and status.st_uid in (0, os.geteuid()) and alone
+
+
 class _Store:
     """The folder that holds the compiled functions of one package."""
 
@@ -285,7 +307,9 @@ class _Store:
         for origin, path in self._candidates():
             try:
                 path.mkdir(parents=True, exist_ok=True)
-                tempfile.TemporaryFile(dir=path).close()
+                with tempfile.TemporaryFile(dir=path) as probe:
+                    if not _only_ours(os.fstat(probe.fileno())):
+                        raise OSError("files made there belong to another user")
             except OSError as error:
                 failures.append((origin, path, error))
             else:
@@ -320,12 +344,17 @@ class _Store:
             return None
         path = self._path(folder, name, key)
         try:
-            data = path.read_bytes()
+            with open(os.open(path, _READ), "rb") as file:
+                # of the open file: what a path names may change between a look and a read
+                if not _only_ours(os.fstat(file.fileno())):
+                    _log.debug("entry %s may have been written by another user", path)
+                    return None
+                data = file.read()
         except OSError:
             return None
         head = len(_MAGIC) + 32
         payload = data[head:]
-        if data[:head] != _MAGIC + hashlib.sha256(payload).digest():
+        if data[:head] != _seal(path, payload):
             _log.debug("damaged entry %s is removed", path)
             with contextlib.suppress(OSError):
                 path.unlink()
@@ -347,7 +376,9 @@ class _Store:
         temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}.tmp")
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            temporary.write_bytes(_MAGIC + hashlib.sha256(payload).digest() + payload)
+            mode = 0o644  # whatever the umask: others may read, nobody else may write
+            with open(os.open(temporary, _WRITE, mode), "wb") as file:
+                file.write(_seal(path, payload) + payload)
             os.replace(temporary, path)
         except OSError as error:
             with contextlib.suppress(OSError):
