@@ -186,11 +186,19 @@ class Equilibrium:
         return smallest_eigenvalue(self).modes[0]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save the state, for :func:`lissome.structure.load_state`."""
+        """Save the state to the file `path` (.npz), for :func:`lissome.structure.load_state`."""
         save_state(path, self.state)
 
     def as_type(self, cls: type[E], **extra: Any) -> E:
-        """Return the same equilibrium as an instance of a subclass, for ``structure.present``."""
+        """Return the same equilibrium as an instance of a subclass, for ``structure.present``.
+
+        Parameters
+        ----------
+        cls : type
+            A subclass of Equilibrium.
+        **extra
+            The fields that it has besides.
+        """
         values = {item.name: getattr(self, item.name) for item in fields(Equilibrium)}
         other = cls(**values, **extra)
         for name in ("evaluation", "metric", "gauge", "factorization"):

@@ -74,7 +74,7 @@ class Evolving(Protocol):
     """
 
     def structure(self, memory: Any) -> Any:
-        """Return the structure that goes with a memory."""
+        """Return the structure that goes with `memory`."""
         ...
 
     def advance(
@@ -150,6 +150,8 @@ class Snap:
         Potential energy at the frozen memory before the snap, minus that after it.
     row : int
         Row of `before` in the history; `after` is in the next one.
+    kind : str
+        Always ``"snap"``: what tells it from other events in a table.
 
     Examples
     --------
@@ -242,10 +244,13 @@ class History:
     kinds : tuple of str
         ``"start"``, ``"step"``, ``"reported"``, ``"before snap"``, ``"after snap"``, ``"end"``.
     events : tuple of Snap
+        The losses of stability, in the order of time.
     reason : str
         Why it ended: ``"until"``, what `stop_when` said, or ``"interrupted"``.
     steps : int
         Number of accepted steps.
+    values : mapping of str to ndarray, shape (k,)
+        The user's outputs.
 
     Examples
     --------
@@ -339,7 +344,7 @@ class History:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the history to one ``.npz`` file (arrays and JSON, no pickle), all or nothing.
+        """Write the history to the file `path` (.npz: arrays and JSON, no pickle), all or nothing.
 
         The memory must be a number, an array, or a dataclass of these.
         """

@@ -104,6 +104,8 @@ class Factorization(ABC):
 
         Raises
         ------
+        InvalidInput
+            If a right-hand side has the wrong shape.
         FactorizationError
             If the matrix is singular, or if the solution has no correct digit.
         """
@@ -179,11 +181,25 @@ class KKTMatrix(ABC):
 
     @abstractmethod
     def apply(self, dx: Array, dmultipliers: Array) -> tuple[Array, Array]:
-        """Return ``H dx + J^T dmultipliers`` and ``J dx``."""
+        """Return ``H dx + J^T dmultipliers``, shape (n,), and ``J dx``, shape (m,).
+
+        Parameters
+        ----------
+        dx : ndarray, shape (n,)
+            An increment of the unknowns.
+        dmultipliers : ndarray, shape (m,)
+            One of the multipliers.
+        """
 
     @abstractmethod
     def magnitude(self, dx: Array, dmultipliers: Array) -> tuple[Array, Array]:
-        """Return the same with the absolute values of everything: the sizes of the summed terms."""
+        """Return the sizes of the terms that :meth:`apply` sums: the same with absolute values.
+
+        Parameters
+        ----------
+        dx, dmultipliers : ndarray
+            As in :meth:`apply`.
+        """
 
     @abstractmethod
     def factorize(
@@ -398,7 +414,19 @@ class DenseKKT(KKTMatrix):
     def matrix(
         self, shift: float, gauge: Array | None, metric: Array | None, relaxation: float
     ) -> Array:
-        """Return the whole matrix, with shift, gauge rows and relaxation."""
+        """Return the whole matrix, shape (n + m + g, n + m + g); see :meth:`factorize`.
+
+        Parameters
+        ----------
+        shift : float
+            Multiple of the metric that is added to the Hessian.
+        gauge : ndarray, shape (g, n), or None
+            Rows to append.
+        metric : ndarray, shape (n,), or None
+            The metric; ones if None.
+        relaxation : float
+            Subtracted from the diagonal of the constraint block.
+        """
         n, m = self.n, self.m
         rows = _gauge_rows(gauge, n)
         size = n + m + rows.shape[0]
@@ -421,7 +449,13 @@ class DenseKKT(KKTMatrix):
         metric: Array | None = None,
         relaxation: float = 0.0,
     ) -> Factorization:
-        """Factor the matrix; see :meth:`KKTMatrix.factorize`."""
+        """Factor the matrix; see :meth:`KKTMatrix.factorize`.
+
+        Raises
+        ------
+        FactorizationError
+            If an entry is not finite.
+        """
         full = self.matrix(shift, gauge, metric, relaxation)
         if not np.all(np.isfinite(full)):
             raise FactorizationError("the KKT matrix holds NaN or infinity")
@@ -686,11 +720,18 @@ class ChainKKT(KKTMatrix):
             Diagonal blocks (the lower triangles are used).
         lower : ndarray, shape (K, q, b, b)
             ``lower[i, p]`` couples rows of block i + p + 1 to columns of block i.
-        border, corner, layout
+        border, corner
             As for the class.
         half_bandwidth : int, optional
             The largest distance of a nonzero entry from the diagonal, if it is known to be less
             than (q + 1) b - 1.
+        layout
+            As for the class.
+
+        Raises
+        ------
+        InvalidInput
+            If a shape is wrong, or an entry lies outside `half_bandwidth`.
         """
         from . import _chain
 
@@ -783,6 +824,11 @@ class TridiagonalKKT(ChainKKT):
         Its entries beside the diagonal.
     rows : ndarray, shape (m, n), optional
         The Jacobian of the constraints.
+
+    Raises
+    ------
+    InvalidInput
+        If a shape is wrong.
 
     Examples
     --------

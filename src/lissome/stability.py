@@ -75,12 +75,28 @@ def softest_mode(
     Three inverse iterations: the bound is sharp when the eigenvalue is far below the others, which
     is when it matters, and never smaller than the eigenvalue itself.
 
+    Parameters
+    ----------
+    kkt : KKTMatrix
+        The matrix.
+    factor : Factorization
+        Of `kkt`, not singular; with gauge rows if there are neutral motions.
+    metric : ndarray, shape (n,)
+        The diagonal metric.
+
     Returns
     -------
     size : float
+        Not less than the size of the eigenvalue.
     mode : ndarray, shape (n,)
         Of unit length in the metric.
     multipliers : ndarray, shape (m,)
+        Forces of the constraints that go with the mode.
+
+    Raises
+    ------
+    FactorizationError
+        If the matrix is singular.
 
     Examples
     --------
@@ -110,6 +126,23 @@ def nearest_eigenvalue(
     """Return a bound of the size of the eigenvalue nearest to zero, and its round-off floor.
 
     The floor is that of the matrix; what rounding errors of the state add is not in it.
+
+    Parameters
+    ----------
+    kkt, factor, metric
+        As in :func:`softest_mode`.
+    noise : float
+        Relative round-off error of the entries of the matrix; that of its structure.
+
+    Returns
+    -------
+    size, floor : float
+        The eigenvalue has a sign if `size` is greater than `floor`.
+
+    Raises
+    ------
+    FactorizationError
+        If the matrix is singular.
 
     Examples
     --------
@@ -205,6 +238,23 @@ def _rayleigh(kkt: KKTMatrix, metric: Array, modes: Array, zero: Array) -> tuple
 
 def lowest_mode(kkt: KKTMatrix, factor: Factorization, metric: Array) -> tuple[float, Array]:
     """Return the lowest eigenvalue and its mode, roughly, given factors with right inertia.
+
+    Parameters
+    ----------
+    kkt, factor, metric
+        As in :func:`softest_mode`; `factor` has the inertia of a minimum.
+
+    Returns
+    -------
+    value : float
+        The eigenvalue, to some 1e-6 of its size.
+    mode : ndarray, shape (n,)
+        Its mode, of unit length in the metric.
+
+    Raises
+    ------
+    FactorizationError
+        If the entries of the matrix differ so much in size that no mode can be told.
 
     Examples
     --------

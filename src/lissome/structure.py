@@ -154,7 +154,7 @@ class Structure(Protocol):
 
     @property
     def size(self) -> int:
-        """Number n of unknowns."""
+        """Number n of unknowns (the prescribed ones are none)."""
         ...
 
     @property
@@ -167,35 +167,60 @@ class Structure(Protocol):
         ...
 
     def retract(self, state: Any, dx: Array) -> Any:
-        """Return the state reached from `state` by the increment `dx`."""
+        """Return the state reached from `state` by the increment `dx`, shape (n,)."""
         ...
 
     def difference(self, a: Any, b: Any) -> Array:
-        """Return the increment that leads from `a` to `b`: ``retract(a, difference(a, b))`` is `b`."""
+        """Return the increment, shape (n,), that leads from `a` to `b`.
+
+        It is the inverse of :meth:`retract`: ``retract(a, difference(a, b))`` is `b`.
+        """
         ...
 
     def evaluate(self, state: Any, multipliers: Array, order: int = 2) -> Evaluation:
-        """Return energy and constraints, the gradient (order >= 1), the KKT matrix (order 2)."""
+        """Return energy and constraints, the gradient (order >= 1), the KKT matrix (order 2).
+
+        Parameters
+        ----------
+        state : object
+            Of the kind that :meth:`start` returns.
+        multipliers : ndarray, shape (m,)
+            Lagrange multipliers: gradient and Hessian are those of the Lagrangian.
+        order : {0, 1, 2}
+            The highest derivative that is wanted.
+
+        Returns
+        -------
+        Evaluation
+            An energy of infinity says that `state` is outside the domain: solvers step back.
+        """
         ...
 
     def max_step(self, state: Any, dx: Array) -> float:
-        """Return the largest fraction of `dx` that a solver may take, in (0, 1]."""
+        """Return the largest fraction of `dx` that a solver may take from `state`, in (0, 1]."""
         ...
 
     def metric(self, state: Any) -> Array:
-        """Return a positive diagonal mass, shape (n,): ``dx @ (metric * dx)`` is a squared norm."""
+        """Return a positive diagonal mass at `state`, shape (n,).
+
+        ``dx @ (metric * dx)`` is a squared norm of an increment: arclengths of branches and eigenvalues
+        are measured in it.
+        """
         ...
 
     def gauge(self, state: Any) -> Array:
-        """Return generators of neutral motions, shape (g, n); g = 0 when there are none."""
+        """Return generators of neutral motions at `state`, shape (g, n); g = 0 when there are none."""
         ...
 
     def typical(self, state: Any) -> float | Array:
-        """Return the typical size of the unknowns (a number, or one number for each)."""
+        """Return the typical size of the unknowns at `state` (a number, or one number for each).
+
+        Corrections are judged relative to it.
+        """
         ...
 
     def noise(self, state: Any) -> float:
-        """Return the relative round-off error of the terms that are summed in gradient and Hessian."""
+        """Return the relative round-off error of the terms that gradient and Hessian sum at `state`."""
         ...
 
     def adopt(self, state: Any) -> Any:
@@ -211,6 +236,11 @@ class VectorState:
     ----------
     x : array_like, shape (n,)
         The unknowns. Copied, and made read-only.
+
+    Raises
+    ------
+    InvalidInput
+        If `x` is not a vector.
 
     Examples
     --------
@@ -457,7 +487,13 @@ class DenseStructure(BaseStructure):
         return self._start
 
     def max_step(self, state: VectorState, dx: Array) -> float:
-        """Return the fraction of `dx` that stays inside the barriers."""
+        """Return the fraction of `dx` that stays inside the barriers.
+
+        Raises
+        ------
+        InvalidInput
+            If the function `step_limit` returns a number outside (0, 1].
+        """
         if self.step_limit is None:
             return 1.0
         fraction = float(self.step_limit(state.x, dx))
@@ -483,7 +519,13 @@ class DenseStructure(BaseStructure):
         return _matrix("neutral", rows, (rows.shape[0], self.size))
 
     def evaluate(self, state: VectorState, multipliers: Array, order: int = 2) -> Evaluation:
-        """Return energy, constraints and derivatives up to `order`."""
+        """Return energy, constraints and derivatives up to `order`.
+
+        Raises
+        ------
+        InvalidInput
+            If a function returns an array of a wrong shape.
+        """
         n, m, x = self.size, self._count, state.x
         if x.shape != (n,):
             raise InvalidInput(f"the state has {x.size} unknowns; this structure has {n}")
@@ -547,16 +589,16 @@ class DenseStructure(BaseStructure):
             # Truncation is seen in the difference of the two steps; rounding is eps / h.
             if not error <= 1e-5 * scale + 4 * truncation + 100 * EPS / h * size:
                 raise InvalidInput(
-                    f"the function `{name}` is not the derivative of `{of}` at `initial`: along a "
+                    f"the function {name} is not the derivative of {of} at `initial`: along a "
                     f"test direction it gives {exact}, central differences give {fine}"
                 )
 
         multiplied = [e.energy + float(multipliers @ e.constraints) for e in points]
-        compare("gradient` (or `jacobian", "energy` (or `constraints", multiplied,
+        compare("`gradient` (or `jacobian`)", "`energy` (or `constraints`)", multiplied,
                 float(here.gradient @ direction))  # fmt: skip
-        compare("hessian` (or `constraint_hessian", "gradient` (or `jacobian",
+        compare("`hessian` (or `constraint_hessian`)", "`gradient` (or `jacobian`)",
                 [e.gradient for e in points], kkt.hessian @ direction)  # fmt: skip
-        compare("jacobian", "constraints", [e.constraints for e in points],
+        compare("`jacobian`", "`constraints`", [e.constraints for e in points],
                 kkt.jacobian @ direction)  # fmt: skip
         if self.constraint_hessian is None and m:
             far = np.asarray(self.jacobian(x + h**0.5 * direction))  # type: ignore[misc]

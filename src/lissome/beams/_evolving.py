@@ -32,7 +32,14 @@ class LitStrip:
     Parameters
     ----------
     strip : ClampedStrip
+        The strip.
     light : ParallelLight, GaussianSpot or UserLight
+        The light.
+
+    Raises
+    ------
+    InvalidInput
+        If the two are not of these kinds.
 
     Examples
     --------
@@ -81,7 +88,17 @@ class LitStrip:
     def march(
         self, memory: Array, equilibrium: Equilibrium, time: float, until: float, step: float
     ) -> Marched:
-        """Advance by compiled steps until a step is not accepted."""
+        """Advance by compiled steps until a step is not accepted.
+
+        Parameters
+        ----------
+        memory : ndarray, shape (segments,)
+            The natural curvature.
+        equilibrium : Equilibrium
+            The shape that goes with it.
+        time, until, step : float
+            From when, to when, and how long a step is (relaxation times).
+        """
         runner = Runner(
             self.strip,
             self.light,

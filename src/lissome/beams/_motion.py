@@ -59,6 +59,19 @@ class Period(NamedTuple):
         Snaps per cycle.
     distance : float
         Change of the natural curvature over the last cycle, relative to its largest value.
+
+    Examples
+    --------
+    Under oblique light a strip snaps down and up again, and the two halves differ:
+
+    >>> import numpy as np
+    >>> from lissome.beams import ClampedStrip, ParallelLight
+    >>> strip = ClampedStrip(span=0.95, segments=50)
+    >>> history = strip.under(ParallelLight(10.0, angle=np.pi / 4)).run(until=12.0)
+    >>> period = history.find_period()
+    >>> down, up = np.diff([snap.time for snap in history.snaps[-3:]])
+    >>> print(period.snaps, abs(down + up - period.value) < 1e-6, abs(down - up) > 0.1)
+    2 True True
     """
 
     value: float
@@ -92,6 +105,20 @@ class Snap:
     row : int
         Row of the history with the state before; the state after is in the next one. -1 if the
         history was not recorded.
+
+    Examples
+    --------
+    The first snap of a strip that buckles upward: at frozen natural curvature the shape turns over
+    and energy is released.
+
+    >>> import numpy as np
+    >>> from lissome.beams import ClampedStrip, ParallelLight
+    >>> strip = ClampedStrip(span=0.95, segments=50)
+    >>> light = ParallelLight(10.0, angle=np.pi / 4)
+    >>> (snap,) = strip.under(light).run(until=10.0, stop_after=1).snaps
+    >>> middle = [strip.positions(angles)[25, 1] for angles in (snap.before, snap.after)]
+    >>> print(snap.kind, np.sign(middle), snap.energy_released > 0)
+    snap [ 1. -1.] True
     """
 
     time: float
@@ -446,7 +473,24 @@ class Motion:
     Parameters
     ----------
     structure : ClampedStrip or Ring
+        What is lit.
     light : ParallelLight, GaussianSpot or UserLight
+        The light.
+
+    Raises
+    ------
+    InvalidInput
+        If the two are not of these kinds.
+
+    Examples
+    --------
+    A strip comes to rest where its natural curvature is what the light on the shape asks for:
+
+    >>> from lissome.beams import ClampedStrip, Motion, ParallelLight
+    >>> motion = Motion(ClampedStrip(span=0.95, segments=50), ParallelLight(5.0))
+    >>> history = motion.run(until=30.0, step=0.05)
+    >>> print(history.stationary, abs(history.curvature[-1] - history.flux_target(-1)).max() < 1e-9)
+    True True
     """
 
     structure: Elastica
@@ -564,7 +608,7 @@ class Motion:
         reason = "until"
 
         def history(why: str) -> History:
-            return History.build(structure, self.light, recorder, tuple(snaps), why, runner)
+            return History._build(structure, self.light, recorder, tuple(snaps), why, runner)
 
         try:
             if angles is None:
@@ -644,6 +688,19 @@ class History:
         Largest rate of change of the natural curvature at the end.
     steps, rejected : int
         Accepted and halved time steps.
+    pose : ndarray, shape (r, 4)
+        Cosine and sine of the rotation of a ring in the laboratory, and its translation.
+
+    Examples
+    --------
+    In the dark natural curvature decays exactly as :math:`e^{-T}`, whatever the time step:
+
+    >>> import numpy as np
+    >>> from lissome.beams import ClampedStrip, ParallelLight
+    >>> bent = ClampedStrip(span=0.95, segments=50, curvature=np.full(50, 0.5))
+    >>> history = bent.under(ParallelLight(0.0)).run(until=1.0, step=0.1)
+    >>> print(history.times.size, np.allclose(history.curvature[-1], 0.5 * np.exp(-1.0), rtol=1e-12))
+    11 True
     """
 
     structure: Elastica
@@ -663,7 +720,7 @@ class History:
     rejected: int
 
     @classmethod
-    def build(
+    def _build(
         cls,
         structure: Elastica,
         light: Light,
@@ -723,7 +780,7 @@ class History:
         return self.positions[..., 1]
 
     def shape(self, row: int) -> Shape:
-        """Return the shape of a row."""
+        """Return the shape in row `row`, to begin another run with."""
         return Shape(self.angles[row])
 
     @cached_property
@@ -776,7 +833,10 @@ class History:
         return np.asarray(s[k] + shift * (s[1] - s[0]))
 
     def flux_target(self, row: int) -> Array:
-        """Return what the natural curvature relaxes to in a row, :math:`K_r + \\Lambda f`."""
+        """Return what the natural curvature relaxes to in row `row`, shape (k - 1,).
+
+        It is :math:`K_r + \\Lambda f` of (3.13), at the springs.
+        """
         return flux_target(
             self.structure, self.light, self.angles[row], float(self.times[row]), self.pose[row]
         )
@@ -842,6 +902,11 @@ class History:
         -------
         speed, uncertainty : float
             The uncertainty is the difference from the speed over the window before.
+
+        Raises
+        ------
+        InvalidInput
+            If this is no ring, or the window is longer than half of the history or holds too few rows.
         """
         if not self.structure.chain.ring:
             raise InvalidInput("a strip does not roll; only a Ring has a speed")

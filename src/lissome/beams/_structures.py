@@ -43,6 +43,21 @@ class Shape:
     ----------
     angles : array_like, shape (k,)
         Angles of the tangent from the horizontal (radians), unwrapped. Copied and made read-only.
+
+    Raises
+    ------
+    InvalidInput
+        If `angles` is not a vector of finite numbers.
+
+    Examples
+    --------
+    Angles are not wrapped: once around a ring they grow by a full turn.
+
+    >>> import numpy as np
+    >>> from lissome.beams import Ring
+    >>> angles = Ring(segments=100).start().angles
+    >>> print((angles[-1] - angles[0]) / np.pi)
+    2.0
     """
 
     angles: Array
@@ -63,6 +78,18 @@ class ElasticaEquilibrium(Equilibrium):
         Angles of the tangent (radians).
     x, y : ndarray
         Positions of the nodes, from the origin at the start (in units of the length).
+
+    Examples
+    --------
+    A strip that is hardly shortened presses on its clamps with the load of Euler's column,
+    :math:`4\\pi^2` in units of bending stiffness over length squared:
+
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> from lissome.beams import ClampedStrip
+    >>> state = ls.equilibrate(ClampedStrip(span=0.9999, segments=200))
+    >>> print(f"{state.force[0] / (4 * np.pi**2):.3f} {abs(state.force[1]):.3f}")
+    1.000 0.000
     """
 
     @property
@@ -87,7 +114,7 @@ class ElasticaEquilibrium(Equilibrium):
 
     @property
     def force(self) -> Array:
-        """Force that the end exerts on the rest of the elastica is constant along it; shape (2,).
+        """Force along the elastica, shape (2,): what its end presses with on the support; it is constant.
 
         In units of bending stiffness over length squared: the multipliers of the end-to-end vector.
         """
@@ -101,7 +128,7 @@ class Elastica(BaseStructure):
     :math:`(\cos\theta, \sin\theta)` integrating to a given end-to-end vector. Lengths are in units
     of the length of the elastica, energies in units of bending stiffness over length.
 
-    Parameters
+    Attributes
     ----------
     segments : int
         Number of equal parts of the length.
@@ -113,6 +140,17 @@ class Elastica(BaseStructure):
         (called with an array), or one number per spring (shape of :attr:`spring_positions`).
     curvature : array_like, optional
         The present natural curvature :math:`K_0` of each spring; :math:`K_r` by default.
+
+    Examples
+    --------
+    A straight strip that is closed to a circle stores the energy :math:`(2\pi)^2 / 2`:
+
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> from lissome.beams import Elastica, Ring
+    >>> ring = Ring(segments=100, natural_curvature=0.0)
+    >>> print(isinstance(ring, Elastica), f"{ls.equilibrate(ring).energy / np.pi**2:.6f}")
+    True 2.000000
     """
 
     segments: int
@@ -183,7 +221,13 @@ class Elastica(BaseStructure):
         return self._natural_curvature  # type: ignore[attr-defined]
 
     def with_curvature(self, curvature: ArrayLike) -> Any:
-        """Return this elastica with another present natural curvature :math:`K_0`."""
+        """Return this elastica with another present natural curvature :math:`K_0`.
+
+        Parameters
+        ----------
+        curvature : array_like, shape (k - 1,)
+            One number per spring.
+        """
         return replace(self, curvature=curvature)  # type: ignore[type-var]
 
     @property
@@ -202,7 +246,13 @@ class Elastica(BaseStructure):
         return ("horizontal distance of the ends", "vertical distance of the ends")
 
     def adopt(self, state: Shape) -> Shape:
-        """Return `state` with the prescribed end angles of this elastica."""
+        """Return `state` with the prescribed end angles of this elastica.
+
+        Raises
+        ------
+        InvalidInput
+            If `state` has another number of angles.
+        """
         angles = np.array(state.angles)
         if angles.shape != (self.angles_count,):
             raise InvalidInput(
@@ -237,7 +287,13 @@ class Elastica(BaseStructure):
         return 8 * EPS
 
     def evaluate(self, state: Shape, multipliers: Array, order: int = 2) -> Evaluation:
-        """Return energy, constraints and derivatives up to `order`."""
+        """Return energy, constraints and derivatives up to `order`.
+
+        Raises
+        ------
+        InvalidInput
+            If `state` has another number of angles.
+        """
         chain = self.chain
         n, k = self.size, self.angles_count
         if state.angles.shape != (k,):
@@ -261,7 +317,14 @@ class Elastica(BaseStructure):
     def correct(self, state: Shape, multipliers: Array, tolerance: float) -> Corrected | None:
         """Return a nearby stationary point by the compiled corrector, or None if it is not near.
 
-        The corrector goes on until rounding errors are all that is left, whatever `tolerance` is.
+        Parameters
+        ----------
+        state : Shape
+            Where to start.
+        multipliers : ndarray, shape (2,)
+            A guess of the force.
+        tolerance : float
+            Not needed: the corrector goes on until rounding errors are all that is left.
         """
         chain = self.chain
         angles = np.array(state.angles)
@@ -285,12 +348,18 @@ class Elastica(BaseStructure):
         return Corrected(Shape(angles), forces, iterations=int(steps)) if status == 0 else None
 
     def present(self, equilibrium: Equilibrium) -> ElasticaEquilibrium:
-        """Return the equilibrium with positions."""
+        """Return `equilibrium` with positions, as an :class:`ElasticaEquilibrium`."""
         return equilibrium.as_type(ElasticaEquilibrium)
 
     # -- geometry -----------------------------------------------------------------------------
     def positions(self, angles: Array) -> Array:
-        """Return the positions of the nodes for angles of shape (..., k): shape (..., nodes, 2)."""
+        """Return the positions of the nodes, shape (..., nodes, 2), in units of the length.
+
+        Parameters
+        ----------
+        angles : array_like, shape (..., k)
+            Angles of the tangent (radians), of one shape or of many.
+        """
         angles = np.asarray(angles, dtype=float)
         h = self.chain.spacing
         tangent = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -305,7 +374,7 @@ class Elastica(BaseStructure):
         return np.arange(self.segments + 1) / self.segments
 
     def under(self, light: Light) -> Any:
-        """Return this elastica under a light: a :class:`~lissome.beams.Motion` that can be run."""
+        """Return this elastica under `light`: a :class:`~lissome.beams.Motion` that can be run."""
         from ._motion import Motion
 
         return Motion(self, light)
@@ -483,7 +552,7 @@ class ClampedStrip(Elastica):
         return out
 
     def with_span(self, span: float) -> ClampedStrip:
-        """Return this strip with another span."""
+        """Return this strip between clamps at another distance `span`, in (0, 1)."""
         return replace(self, span=span)
 
 
@@ -510,6 +579,11 @@ class Ring(Elastica):
         to roll at infinite speed): the later motion depends on this regularization only by a shift.
     curvature : array_like, optional
         The present natural curvature; see :class:`Elastica`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------

@@ -17,7 +17,7 @@ __all__ = ["FirstSnap", "Flapping", "first_snap", "flapping"]
 
 @dataclass(frozen=True)
 class Flapping:
-    """Whether a strip flaps.
+    r"""Whether a strip flaps.
 
     Attributes
     ----------
@@ -37,6 +37,21 @@ class Flapping:
         Largest rate of change of the natural curvature at the end: how close to rest.
     eigenvalue : float
         Smallest eigenvalue of the second variation at the end.
+
+    Examples
+    --------
+    The window of :math:`\Lambda` has a lower end: a weak light bends a strip, a stronger one makes it
+    flap, with two snaps per cycle.
+
+    >>> import numpy as np
+    >>> from lissome.beams import ClampedStrip, ParallelLight, flapping
+    >>> strip = ClampedStrip(span=0.95, segments=50)
+    >>> weak, strong = (
+    ...     flapping(strip, ParallelLight(intensity, angle=np.pi / 4), tolerance=1e-3)
+    ...     for intensity in (1.0, 10.0)
+    ... )
+    >>> print(weak.flaps, weak.frequency, strong.flaps, strong.snaps_per_cycle)
+    False 0.0 True 2
     """
 
     flaps: bool | None
@@ -68,6 +83,21 @@ class FirstSnap:
         At the end (before the snap); see :class:`Flapping`.
     energy_released : float
         By the snap; NaN without one.
+
+    Examples
+    --------
+    Strong light leaves the material no time to relax: the time to the first snap is then inversely
+    proportional to the intensity.
+
+    >>> import numpy as np
+    >>> from lissome.beams import ClampedStrip, ParallelLight, first_snap
+    >>> strip = ClampedStrip(span=0.95, segments=50)
+    >>> found = [
+    ...     first_snap(strip, ParallelLight(intensity, angle=np.pi / 4))
+    ...     for intensity in (1000.0, 2000.0)
+    ... ]
+    >>> print(f"{found[0].time / found[1].time:.2f}")
+    2.00
     """
 
     snaps: bool | None
@@ -110,7 +140,9 @@ def flapping(
     Parameters
     ----------
     strip : ClampedStrip
+        The strip.
     light : ParallelLight, GaussianSpot or UserLight
+        Steady light.
     until : float
         Limit of time (relaxation times).
     step : float
@@ -129,6 +161,13 @@ def flapping(
     Returns
     -------
     Flapping
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+    NotConverged
+        If no stable shape is found after a loss of stability.
 
     Examples
     --------
@@ -216,6 +255,13 @@ def first_snap(
     Returns
     -------
     FirstSnap
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+    NotConverged
+        If no stable shape is found after a loss of stability.
 
     Examples
     --------

@@ -167,6 +167,11 @@ class UserLight:
     side : {"upper", "lower"}
         Whether the upper or the lower face of a strip is lit. (Of a ring it is the outer one.)
 
+    Raises
+    ------
+    InvalidInput
+        If `function` cannot be called, or `side` is neither of the two.
+
     Examples
     --------
     >>> import numpy as np
@@ -189,6 +194,17 @@ class UserLight:
 
     def flux(self, x: Array, y: Array, theta: Array, s: Array, t: float) -> Array:
         """Return the checked flux, shape (m,).
+
+        Parameters
+        ----------
+        x, y : ndarray, shape (m,)
+            Positions (in units of the length).
+        theta : ndarray, shape (m,)
+            Angles of the tangent (radians).
+        s : ndarray, shape (m,)
+            Arc lengths, in (0, 1).
+        t : float
+            The time (relaxation times).
 
         Raises
         ------
