@@ -12,9 +12,12 @@ FAKE = """#!/bin/sh
 case "$*" in
   -V) echo "Python {version}" ;;
   *sys.version_info*) exit {old} ;;
+  "-m ensurepip "*) touch "$(dirname "$0")/pip" ;;
   *ensurepip*) exit {no_venv} ;;
-  "-m venv "*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
+  "-m venv "*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" && {pip} "$3/bin/pip" ;;
+  "-m pip --version") test -e "$(dirname "$0")/pip" ;;
   *"pip install"*) echo install >>log && exit {fails} ;;
+  "-m pip check") exit {clash} ;;
 esac
 """
 
@@ -30,9 +33,11 @@ def place(tmp_path, root):
     return here
 
 
-def python(place, *, version="3.11.9", old=0, no_venv=0, fails=0):
+def python(place, *, version="3.11.9", old=0, no_venv=0, fails=0, clash=0, pip="touch"):
     fake = place / "fake python"
-    fake.write_text(FAKE.format(version=version, old=old, no_venv=no_venv, fails=fails))
+    fake.write_text(
+        FAKE.format(version=version, old=old, no_venv=no_venv, fails=fails, clash=clash, pip=pip)
+    )
     fake.chmod(0o755)
     return str(fake)
 
@@ -64,6 +69,38 @@ def test_interrupted_installation_is_taken_up_again(place):
     shutil.copy(python(place), place / "my env" / "bin" / "python")
     assert run(place, python(place)).returncode == 0
     assert installs(place) == 2
+
+
+def test_environment_whose_creation_was_interrupted_gets_its_pip(place):
+    assert run(place, python(place, pip="test -d")).returncode != 0  # the creation fails half way
+    assert not (place / "my env" / "bin" / "pip").exists()
+    assert run(place, python(place)).returncode == 0
+    assert (place / "my env" / "bin" / "pip").exists()
+    assert installs(place) == 1
+
+
+def test_packages_that_do_not_fit_together_are_refused(place):
+    done = run(place, python(place, clash=1))
+    assert done.returncode != 0
+    assert "do not fit together" in done.stderr
+    assert not (place / "my env" / ".lissome-stamp").exists()
+
+
+@pytest.mark.parametrize("line", ["numpy=2.4.6", "<<<<<<< HEAD"])
+def test_damaged_line_of_the_requirements_is_named_with_a_remedy(place, line):
+    """The real pip looks at all lines before it asks anybody for anything."""
+    real = place / "real python"
+    venv = '[ "$1 $2" = "-m venv" ] && mkdir -p "$3/bin" && exec cp "$0" "$3/bin/python"\n'
+    index = "export PIP_NO_INDEX=1 PIP_CONFIG_FILE=/dev/null\n"
+    real.write_text(
+        f'#!/bin/sh\n{venv}{index}unset PIP_REQUIRE_VIRTUALENV\nexec "{sys.executable}" "$@"\n'
+    )
+    real.chmod(0o755)
+    (place / "requirements.txt").write_text(f"tqdm\n{line}\n")
+    done = run(place, str(real))
+    assert done.returncode != 0
+    assert "restore\n       the file from version control" in done.stderr
+    assert not (place / "my env" / ".lissome-stamp").exists()
 
 
 def test_failed_refresh_does_not_count_as_installed(place):

@@ -38,8 +38,15 @@ fi
 
 rm -f "$stamp"
 echo "installing requirements.txt into $venv (about 1.7 GB; some minutes)"
-PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_REQUIRE_VIRTUALENV=1 \
-    "$venv/bin/python" -m pip install --quiet --requirement requirements.txt
+export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_REQUIRE_VIRTUALENV=1
+"$venv/bin/python" -m pip --version >/dev/null 2>&1 || # its creation was interrupted
+    "$venv/bin/python" -m ensurepip --upgrade --default-pip >/dev/null ||
+    fail "$venv is broken: delete it and run make again"
+"$venv/bin/python" -m pip install --quiet --requirement requirements.txt ||
+    fail "requirements.txt could not be installed into $venv, see above. If a line of it is damaged, restore
+       the file from version control; if the network or the disk failed, mend that; then run make again"
+"$venv/bin/python" -m pip check ||
+    fail "packages in $venv do not fit together, see above: delete it and run make again"
 want="$(cat requirements.txt pyproject.toml | cksum)
 $(pwd -P)
 $("$venv/bin/python" -V)"
