@@ -16,18 +16,27 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from urllib.parse import unquote, urlsplit
 
 PAGE_LIMIT = 8e6  # bytes of HTML
 BOOK_LIMIT = 60e6  # bytes of everything
-PATIENCE = 10  # half seconds until a figure must have been drawn
+PATIENCE = 10  # half seconds until a figure must have been drawn, or a page turned dark
 PHONE = {"width": 390, "height": 844}
 DESK = {"width": 1280, "height": 900}
 OWN = ("file:", "data:", "blob:", "about:")
+#: Browsers at work side by side: equations are typeset on one core, and figures need waiting.
+WINDOWS = min((os.cpu_count() or 1) + 1, 4)
+#: A picture of a long page takes a busy machine more than Playwright's half minute.
+LIMIT_MS = 120_000
+#: Pages that hold docstrings only: nothing is drawn on them. A picture shows their first screen
+#: (the longest is 100 screens), and they are turned dark where they stand, not loaded again.
+REFERENCE = ("api/",)
 #: Pages that Sphinx makes of its own accord.
 LISTINGS = ("_modules/", "genindex", "py-modindex", "search")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -222,9 +231,34 @@ def _check_figures(tab, page: Page) -> None:
             page.blame("figure is blank", f"{name}, {count} colors")
 
 
+def _judge(tab, page: Page, theme: str) -> dict:
+    """Blame what is wrong with the page that stands open; return what was seen."""
+    seen = tab.evaluate(LOOK)
+    if seen["theme"] != theme:
+        page.blame("theme", f"{seen['theme']} where {theme} was asked for")
+    page.blame("equations not typeset", seen["unset"])
+    page.blame("equations with an error", seen["wrong"])
+    page.blame("unknown TeX macros", seen["unknown"])
+    page.blame("raw TeX", seen["raw"])
+    page.blame("figures not drawn", seen["blank"])
+    page.blame("broken pictures", seen["broken"])
+    page.blame("no alternative text", seen["mute"])
+    page.blame("errors shown", seen["faults"])
+    if seen["headings"] != 1 and not page.name.startswith(LISTINGS):
+        page.blame("headings of the first level", str(seen["headings"]))
+    return seen
+
+
 def _visit(browser, page: Page, theme: str, shot: Path | None) -> None:
     """Open one page in one theme; on the light one also as on a phone."""
+    reference = page.name.startswith(REFERENCE)
     context = browser.new_context(viewport=DESK, color_scheme=theme, offline=True)
+    context.set_default_timeout(LIMIT_MS)
+
+    def picture(kind: str) -> None:
+        if shot:
+            tab.screenshot(path=f"{shot}.{kind}.png", full_page=not reference)
+
     try:
         tab = context.new_page()
         said: list[str] = []
@@ -234,32 +268,16 @@ def _visit(browser, page: Page, theme: str, shot: Path | None) -> None:
         tab.on("pageerror", lambda e: said.append(str(e)))
         tab.on("request", lambda r: asked.append(r.url) if not r.url.startswith(OWN) else None)
         tab.on("requestfailed", lambda r: missing.append(r.url) if "file:" in r.url else None)
-        tab.goto(page.path.resolve().as_uri(), wait_until="load", timeout=120_000)
+        tab.goto(page.path.resolve().as_uri(), wait_until="load")
         _settle(tab)
-        seen = tab.evaluate(LOOK)
-        if seen["theme"] != theme:
-            page.blame("theme", f"{seen['theme']} where {theme} was asked for")
-        page.blame("equations not typeset", seen["unset"])
-        page.blame("equations with an error", seen["wrong"])
-        page.blame("unknown TeX macros", seen["unknown"])
-        page.blame("raw TeX", seen["raw"])
-        page.blame("figures not drawn", seen["blank"])
-        page.blame("broken pictures", seen["broken"])
-        page.blame("no alternative text", seen["mute"])
-        page.blame("errors shown", seen["faults"])
-        if seen["headings"] != 1 and not page.name.startswith(LISTINGS):
-            page.blame("headings of the first level", str(seen["headings"]))
-        if shot:
-            shot.parent.mkdir(parents=True, exist_ok=True)
-            tab.screenshot(path=f"{shot}.{theme}.png", full_page=True)
+        seen = _judge(tab, page, theme)
+        picture(theme)
         if theme == "light":
             _check_figures(tab, page)
-        if theme == "light":
             tab.set_viewport_size(PHONE)
             tab.wait_for_timeout(400)
             page.blame("wider than a phone", tab.evaluate(WIDE))
-            if shot:
-                tab.screenshot(path=f"{shot}.phone.png", full_page=True)
+            picture("phone")
             for count, what in (
                 (seen["math"], "equations"),
                 (seen["plots"], "3-D figures"),
@@ -267,6 +285,15 @@ def _visit(browser, page: Page, theme: str, shot: Path | None) -> None:
             ):
                 if count:
                     page.notes.append(f"{count} {what}")
+        if reference:
+            tab.set_viewport_size(DESK)
+            tab.emulate_media(color_scheme="dark")
+            for _ in range(PATIENCE):
+                tab.wait_for_timeout(500)
+                if tab.evaluate("document.documentElement.dataset.theme") == "dark":
+                    break
+            _judge(tab, page, "dark")
+            picture("dark")
         page.blame("the console says", said)
         page.blame("asks for what is not in the book", asked)
         page.blame("files missing", missing)
@@ -274,25 +301,66 @@ def _visit(browser, page: Page, theme: str, shot: Path | None) -> None:
         context.close()
 
 
-def look(pages: list[Page], executable: str, shots: Path | None = None) -> Iterator[Page]:
-    """Open every page, light and dark; yield it when its problems are known."""
-    from playwright.sync_api import Error, sync_playwright
+def _look_at(browser, page: Page, shots: Path | None) -> None:
+    """Open one page in every theme that it is to be seen in."""
+    from playwright.sync_api import Error
 
-    with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=executable, args=FLAGS)
-        for page in pages:
-            began = time.monotonic()
-            listing = page.name.startswith(LISTINGS)
-            shot = shots / page.name.removesuffix(".html") if shots and not listing else None
-            try:
-                for theme in ("light",) if listing else ("light", "dark"):
-                    _visit(browser, page, theme, shot)
-            except Error as error:
-                page.blame("the browser failed", str(error).splitlines()[0])
-            page.problems = list(dict.fromkeys(page.problems))  # light and dark share most
-            page.seconds = time.monotonic() - began
-            yield page
-        browser.close()
+    began = time.monotonic()
+    listing = page.name.startswith(LISTINGS)
+    shot = shots / page.name.removesuffix(".html") if shots and not listing else None
+    if shot:
+        shot.parent.mkdir(parents=True, exist_ok=True)
+    once = listing or page.name.startswith(REFERENCE)
+    try:
+        for theme in ("light",) if once else ("light", "dark"):
+            _visit(browser, page, theme, shot)
+    except Error as error:
+        page.blame("the browser failed", str(error).splitlines()[0])
+    page.problems = list(dict.fromkeys(page.problems))  # light and dark share most
+    page.seconds = time.monotonic() - began
+
+
+def look(
+    pages: list[Page], executable: str, shots: Path | None = None, windows: int = WINDOWS
+) -> Iterator[Page]:
+    """Open every page, light and dark; yield it when its problems are known.
+
+    Each of the `windows` threads drives a browser of its own; heavy pages go first, so that none
+    is left alone at the end.
+    """
+    from playwright.sync_api import sync_playwright
+
+    waiting: SimpleQueue[Page] = SimpleQueue()
+    for page in sorted(pages, key=lambda page: page.path.stat().st_size, reverse=True):
+        waiting.put(page)
+    done: SimpleQueue[Page | None] = SimpleQueue()
+
+    def serve() -> None:
+        try:
+            with sync_playwright() as play:
+                browser = play.chromium.launch(executable_path=executable, args=FLAGS)
+                while True:
+                    try:
+                        page = waiting.get_nowait()
+                    except Empty:
+                        break
+                    _look_at(browser, page, shots)
+                    done.put(page)
+                browser.close()
+        finally:
+            done.put(None)  # this window is closed
+
+    windows = min(windows, len(pages))
+    with ThreadPoolExecutor(max(windows, 1)) as crew:
+        served = [crew.submit(serve) for _ in range(windows)]
+        while windows:
+            page = done.get()
+            if page is None:
+                windows -= 1
+            else:
+                yield page
+        for each in served:
+            each.result()  # raises what went wrong outside the pages
 
 
 def main(arguments: list[str] | None = None) -> int:
