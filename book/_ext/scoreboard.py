@@ -45,6 +45,7 @@ CHAPTERS = {
     "A": "Appendix",
 }
 UNITS = {"": "", "1": "", "degree": "°"}
+NOTHING = "–"  # where a claim has no number
 PHRASES = {  # of one claim, of several
     Verdict.REPRODUCED: ("is reproduced", "are reproduced"),
     Verdict.CORRECTED: ("is reproduced after correction", "are reproduced after correction"),
@@ -340,17 +341,19 @@ def _table(app, docname, rows):
 def _row(cells):
     row = nodes.row()
     for cell in cells:
-        row += nodes.entry("", *(cell if isinstance(cell, list) else [cell]))
+        parts = cell if isinstance(cell, list) else [cell]
+        nothing = ["scoreboard-nothing"] if parts[0].astext() == NOTHING else []
+        row += nodes.entry("", *parts, classes=nothing)
     return row
 
 
 def _or_dash(text, row):
-    return text + unit_of(row.claim) if text else "–"
+    return text + unit_of(row.claim) if text else NOTHING
 
 
 def _numbers(row):
     if row.record is None:
-        return [nodes.paragraph("", "–"), nodes.paragraph("", "–")]
+        return [nodes.paragraph("", NOTHING), nodes.paragraph("", NOTHING)]
     return [
         nodes.paragraph("", _or_dash(row.record.computed("unicode"), row)),
         nodes.paragraph("", _or_dash(row.record.independently("unicode"), row)),

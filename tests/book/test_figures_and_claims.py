@@ -59,3 +59,8 @@ def test_every_figure_carries_words(page):
     for cell in CELL.findall(PAGES[page]):
         shown = len(re.findall(r"plotting\.(?:show|show3d|animate)\(", cell))
         assert cell.count("alt=") >= shown
+
+
+def test_errata_of_every_chapter_are_shown():
+    shown = re.findall(r":chapter: (\S+)", (BOOK / "errata.md").read_text(encoding="utf-8"))
+    assert sorted(shown) == sorted(set(literature.load("errata").columns["chapter"]))
