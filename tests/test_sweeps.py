@@ -564,6 +564,45 @@ def test_an_interrupted_sweep_goes_on_where_it_was(tmp_path, library, how, execu
     assert sorted(log) == list(range(8))  # no point twice
 
 
+ORPHANS = """
+    import os, time, lissome
+    def slow(n):
+        with open(f"worker-{os.getpid()}", "w"):
+            time.sleep(600)
+    lissome.sweep(slow, {"n": [1, 2]})
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes of this system know no parent")
+def test_workers_end_with_the_process_that_asked_for_them(tmp_path, library):
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(ORPHANS)],
+        cwd=tmp_path,
+        env={**environment(library), "LOKY_MAX_CPU_COUNT": "2"},
+    )
+    deadline = time.monotonic() + 120
+    while len(workers := list(tmp_path.glob("worker-*"))) < 2:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.kill()  # no chance to tell them
+    process.wait()
+    for path in workers:
+        while runs(int(path.name.removeprefix("worker-"))):
+            assert time.monotonic() < deadline, "a worker goes on for nobody"
+            time.sleep(0.05)
+
+
+def runs(process):
+    """Tell whether a process runs; one that has ended and whose parent has not asked does not."""
+    try:
+        os.kill(process, 0)
+        state = Path(f"/proc/{process}/stat")
+        return not state.is_file() or state.read_text().rpartition(")")[2].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False
+
+
 def test_a_worker_that_dies_is_reported_and_the_finished_points_are_kept(tmp_path):
     folder = str(tmp_path)
 

@@ -13,6 +13,8 @@ import pickle
 import platform
 import secrets
 import sys
+import threading
+import time
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -31,6 +33,7 @@ __all__ = [
     "Result",
     "ResultStore",
     "Stale",
+    "die_with",
     "run_point",
     "this_process",
 ]
@@ -83,6 +86,22 @@ class Asker:
 def this_process() -> tuple[str, int]:
     """Return what tells this process from all others, also from those of another machine."""
     return platform.node(), os.getpid()
+
+
+def die_with(parent: int) -> None:
+    """Let this worker end when the process that started it is gone, even in the middle of a point.
+
+    Nobody would take the result, and whoever killed that process wants its processors back.
+    """
+    if not hasattr(os, "fork"):  # elsewhere a process never learns that its parent is gone
+        return
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True, name="die-with-parent").start()
 
 
 def run_point(

@@ -30,6 +30,7 @@ from ._points import (
     Result,
     ResultStore,
     Stale,
+    die_with,
     run_point,
     this_process,
 )
@@ -279,7 +280,10 @@ class _Run:
         )
         workers = min(loky.cpu_count(), len(pending))
         for last in (False, True):
-            executor = loky.get_reusable_executor(max_workers=workers, env=one, timeout=60)
+            executor = loky.get_reusable_executor(
+                max_workers=workers, env=one, timeout=60,
+                initializer=die_with, initargs=(os.getpid(),),
+            )  # fmt: skip
             try:
                 self._concurrently(pending, bar, Workers.of(executor))
                 return
