@@ -1,9 +1,12 @@
 """tools/build_book.py: any fault fails the build, again and again; numbers are the thesis's."""
 
+import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 import yaml
@@ -47,10 +50,23 @@ class Book:
         toc["parts"] = [{"caption": "All", "numbered": 3, "chapters": list(chapters)}]
         self.write("_toc.yml", yaml.safe_dump(toc))
 
-    def build(self):
-        command = [sys.executable, "tools/build_book.py", "out put"]
-        done = subprocess.run(command, cwd=self.root, capture_output=True, text=True)
-        return done.returncode, re.sub(r"\x1b\[[0-9;]*m", "", done.stdout + done.stderr)
+    def start(self, *, build="out put", **changes):
+        command = [sys.executable, "tools/build_book.py", str(build)]
+        values = {**os.environ, **changes}
+        return subprocess.Popen(
+            command,
+            cwd=self.root,
+            env={name: value for name, value in values.items() if value is not None},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            encoding="utf-8",
+        )
+
+    def build(self, **changes):
+        process = self.start(**changes)
+        said, _ = process.communicate()
+        return process.returncode, re.sub(r"\x1b\[[0-9;]*m", "", said)
 
     def page(self, name):
         return (self.root / "out put" / "html" / f"{name}.html").read_text(encoding="utf-8")
@@ -58,7 +74,7 @@ class Book:
 
 @pytest.fixture
 def book(tmp_path, root):
-    return Book(tmp_path / "a book", root)
+    return Book(tmp_path / "ein Bücherregal", root)
 
 
 FAULTS = {
@@ -81,6 +97,7 @@ def test_every_fault_fails_the_build_also_the_second_time(book):
         for name in FAULTS:
             assert re.search(rf"1-{name}\.md.*(?:WARNING|ERROR)", said), (name, said)
         assert "ValueError: tripped" in said
+        assert not (book.root / "out put" / "html").exists(), "no book where there is none"
 
 
 def test_good_book(book):
@@ -154,3 +171,90 @@ def test_good_book(book):
     offered = (sources / "3-part.ipynb").read_text(encoding="utf-8")
     assert 'class="lissome-drawing' in part
     assert '"image/png"' in offered and "lissome-drawing" not in offered
+
+
+SLOW = """
+import os, pathlib, time
+import lissome
+from lissome._compile import jit
+
+@jit
+def double(x):
+    return 2 * x
+
+def nap(n):
+    import os, pathlib, time
+    pathlib.Path(f"../process-{os.getpid()}").write_text("")
+    while not pathlib.Path("../go").exists():
+        time.sleep(0.1)
+    return 2.0 * n
+
+pathlib.Path(f"../process-{os.getpid()}").write_text("")
+table = lissome.sweep(nap, {"n": [1, 2]})
+print(f"sum {table['value'].sum() + double(0.5)}, cache {double.stats.cache_path}")
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="signals of this system are others")
+def test_a_build_that_is_killed_leaves_nothing_that_is_believed_and_nothing_that_runs(book):
+    book.contents({"file": "1-slow"})
+    book.write("1-slow.md", f"{HEADER}# Slow\n\n{cell(SLOW)}")
+    out = book.root / "out put"
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        build = book.start(LOKY_MAX_CPU_COUNT="2")
+        deadline = time.monotonic() + 300
+        while len(processes := list(book.root.glob("process-*"))) < 3:  # a kernel, two workers
+            assert build.poll() is None, build.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        assert (out / "html.unfinished").is_dir()
+        status, said = book.build()
+        assert (status, said.count("\n")) == (1, 1)
+        assert "another build is running" in said
+        build.send_signal(number)
+        said, _ = build.communicate()
+        assert build.returncode == {signal.SIGTERM: 143, signal.SIGKILL: -9}[number]
+        assert ("The book is NOT built: SIGTERM" in said) == (number == signal.SIGTERM)
+        for path in processes:
+            while runs(int(path.name.removeprefix("process-"))):
+                assert time.monotonic() < deadline, "a process goes on for nobody"
+                time.sleep(0.1)
+            path.unlink()
+        assert not (out / "html").exists()
+
+    # Again, on a machine where little is as it should be.
+    (book.root / "go").write_text("")
+    (book.root / "file").write_text("")
+    lost = str(book.root / "file" / "below a file")
+    nowhere = {"HOME": lost, "XDG_CACHE_HOME": None, "TZ": "", "LC_ALL": "C", "LANG": "C"}
+    status, said = book.build(**nowhere, LISSOME_CACHE=lost, PYTHONUTF8=None)
+    assert status == 0, said
+    assert f"This build keeps them in {out / 'cache' / 'lissome'}" in said
+    page = book.page("1-slow")
+    assert "sum 7.0, cache" in page
+    assert f"{out / 'cache' / 'lissome' / 'compiled'}" in page.replace("\n", "")
+    assert not (out / "html.unfinished").exists()
+
+
+def runs(process):
+    """Tell whether a process runs; one that has ended and whose parent has not asked does not."""
+    import psutil
+
+    try:
+        return psutil.Process(process).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def test_a_folder_that_no_book_can_be_built_in_is_refused_with_a_remedy(book):
+    (book.root / "file").write_text("")
+    (book.root / "open to all").mkdir()
+    (book.root / "open to all").chmod(0o777)
+    for build, words in (("file", "cannot be built"), ("file/below", "cannot be built")):
+        status, said = book.build(build=build)
+        assert (status, said.count("\n")) == (1, 1), said
+        assert words in said and "make BUILD=" in said
+    if hasattr(os, "geteuid"):
+        status, said = book.build(build="open to all")
+        assert (status, said.count("\n")) == (1, 1), said
+        assert "all may write it" in said and "make BUILD=" in said
