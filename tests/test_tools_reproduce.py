@@ -47,7 +47,8 @@ def test_every_drawn_panel_has_its_own_picture_as_png_and_pdf(tool, build):
     assert tool["main"](["--gather", str(build)]) == 0
     target = build / "reproduction"
     report = json.loads((target / "report.json").read_text(encoding="utf-8"))
-    assert report["claims"] == [{"id": "lambda-typical", "verdict": "reproduced"}]
+    assert report["claims"] == [{"id": "lambda-typical", "verdict": "reproduced", "why": ""}]
+    assert not (build / "reproduction.unfinished").exists()
     drawn = [row for row in tool["panels"]() if tool["drawn"](row)]
     assert len(drawn) > 20
     for row in drawn:
@@ -64,6 +65,64 @@ def test_what_is_missing_is_named_and_fails(tool, build, capsys):
     (build / "jupyter_execute" / f"{row['page']}.ipynb").unlink()
     assert tool["main"](["--gather", str(build)]) == 1
     assert f"MISSING {row['panel']}" in capsys.readouterr().out
+
+
+def test_two_builds_are_compared_to_the_last_digit_and_word(tool, build, tmp_path, capsys):
+    (build / "html" / "scoreboard.csv").write_text(
+        "id,computed,verdict\nlambda-typical,1.1193,differs\npsi-function,,reproduced\n"
+    )
+    (build / "scoreboard").mkdir()
+    assert tool["main"](["--gather", str(build)]) == 0
+    path = build / "reproduction" / "report.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    other = tmp_path / "other.json"
+
+    def differences(change):
+        changed = json.loads(json.dumps(content))
+        change(changed)
+        other.write_text(json.dumps(changed), encoding="utf-8")
+        capsys.readouterr()
+        status = tool["main"](["--compare", str(build), str(other)])
+        return status, capsys.readouterr().out
+
+    def digit(report):
+        report["claims"][0]["computed"] = "1.1194"
+
+    def word(report):
+        report["claims"][1]["why"] = "in other words"
+
+    def lost(report):
+        del report["claims"][1]
+
+    def picture(report):
+        files = next(row["files"] for row in report["figures"] if "files" in row)
+        files[min(name for name in files if name.endswith(".png"))] = "0"
+        report["machine"] = {"cores": 128}
+
+    assert differences(lambda report: None) == (0, "2 and 2 claims, 0 differ\n")
+    status, said = differences(digit)
+    assert (status, said.splitlines()[:3]) == (
+        1,
+        ["lambda-typical: computed", "  1.1193", "  1.1194"],
+    )
+    status, said = differences(word)
+    assert status == 1 and "psi-function: why" in said and "1 differ" in said
+    status, said = differences(lost)
+    assert status == 1 and f"psi-function: only in {build}" in said
+    status, said = differences(picture)
+    assert status == 0 and "not the same to the last bit" in said and "'cores': 128" in said
+    for wrong in ("{", "[]", '{"claims": [{}], "figures": []}'):
+        other.write_text(wrong)
+        with pytest.raises(SystemExit, match=r"other\.json is no report of `make reproduce`"):
+            tool["main"](["--compare", str(build), str(other)])
+
+
+def test_a_build_that_fails_leaves_no_reproduction_of_an_earlier_one(tool, build, monkeypatch):
+    assert tool["main"](["--gather", str(build)]) == 0
+    monkeypatch.setattr(tool["runpy"], "run_path", lambda path: {"main": lambda arguments: 1})
+    monkeypatch.setenv("LISSOME_FIGURES", "")
+    assert tool["main"]([str(build)]) == 1
+    assert not (build / "reproduction").exists()
 
 
 def test_a_pdf_is_written_where_it_is_asked_for_under_the_name_of_its_png(tmp_path, monkeypatch):

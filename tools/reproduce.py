@@ -6,6 +6,8 @@
 
     reproduce.py --gather [BUILD]    without building: from the last run of this tool
     reproduce.py --manifest          write codecheck.yml, the list of these files for a CODECHECK
+    reproduce.py --compare A B       set the reports of two builds side by side: fails if the verdict,
+                                     a printed digit or a word of any claim differs
 
 The pictures are those that the pages show: the executed notebooks of the build hold them, and the
 figure map (data/figures.csv) says which panel of the thesis each belongs to.
@@ -55,10 +57,70 @@ def pictures(notebook: Path) -> dict[str, bytes]:
     return found
 
 
+def forget(build: Path) -> None:
+    """Delete what an earlier run gathered: nobody may take it for that of a run that failed."""
+    for name in ("reproduction", "reproduction.unfinished"):
+        shutil.rmtree(build / name, ignore_errors=True)
+        if (build / name).exists():
+            sys.exit(f"error: {build / name} cannot be deleted: check who owns it")
+
+
+def reasons(records: Path) -> dict[str, str]:
+    """Return the reason of each verdict in the words of the scoreboard."""
+    from lissome import scoreboard
+
+    return {row.claim.id: row.why for row in scoreboard.board(records, ()).rows}
+
+
+def report_of(place: Path) -> dict[str, Any]:
+    """Return the report of a build, given its folder or the file itself."""
+    path = place / "reproduction" / "report.json" if place.is_dir() else place
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        _ = [row["id"] for row in content["claims"]], [row["id"] for row in content["figures"]]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        sys.exit(
+            f"error: {path} is no report of `make reproduce` ({type(error).__name__}: {error})"
+        )
+    return dict(content)
+
+
+def compare(first: Path, second: Path) -> int:
+    """Print where two reports differ; return the number of claims that do."""
+    one, two = report_of(first), report_of(second)
+    mine, other = ({row["id"]: row for row in report["claims"]} for report in (one, two))
+    differing = 0
+    for name in dict.fromkeys([*mine, *other]):
+        a, b = mine.get(name), other.get(name)
+        if a == b:
+            continue
+        differing += 1
+        if a is None or b is None:
+            print(f"{name}: only in {first if b is None else second}")
+            continue
+        for key in dict.fromkeys([*a, *b]):
+            if a.get(key) != b.get(key):
+                print(f"{name}: {key}\n  {a.get(key)}\n  {b.get(key)}")
+    shown = {row["id"]: row.get("files") for row in two["figures"]}
+    other_pictures = [
+        row["id"]
+        for row in one["figures"]
+        if (row.get("files") or {}).get(f"figures/{row['id']}.png")
+        != (shown.get(row["id"]) or {}).get(f"figures/{row['id']}.png")
+    ]
+    for key in ("sources", "versions", "machine"):
+        if one.get(key) != two.get(key):
+            print(f"note: other {key}: {one.get(key)} and {two.get(key)}")
+    if other_pictures:
+        print("note: pictures that are not the same to the last bit:", *other_pictures)
+    print(f"{len(mine)} and {len(other)} claims, {differing} differ")
+    return differing
+
+
 def gather(build: Path) -> int:
     """Write the reproduction from a finished build; return the number of missing files."""
-    target, vectors = build / "reproduction", build / "vectors"
-    shutil.rmtree(target, ignore_errors=True)
+    target, vectors = build / "reproduction.unfinished", build / "vectors"
+    forget(build)
     (target / "figures").mkdir(parents=True)
     missing: list[str] = []
     entries: list[dict[str, Any]] = []
@@ -89,6 +151,8 @@ def gather(build: Path) -> int:
             files[name] = hashlib.sha256(content).hexdigest()
         entry["files"] = files
     board = (build / "html" / "scoreboard.csv").read_bytes()
+    claims = list(csv.DictReader(board.decode("utf-8").splitlines()))
+    words = reasons(build / "scoreboard")
     (target / "scoreboard.csv").write_bytes(board)
     bench = runpy.run_path(str(TOOLS / "bench.py"))
     report = {
@@ -96,12 +160,13 @@ def gather(build: Path) -> int:
         "sources": bench["fingerprint"](),
         "machine": {"processor": bench["processor"](), "cores": os.cpu_count()},
         "versions": bench["versions"](),
-        "claims": list(csv.DictReader(board.decode("utf-8").splitlines())),
+        "claims": [row | {"why": words.get(row["id"], "")} for row in claims],
         "figures": entries,
         "missing": missing,
     }
     text = json.dumps(report, indent=1, ensure_ascii=False) + "\n"
     (target / "report.json").write_text(text, encoding="utf-8")
+    target = target.rename(build / "reproduction")
     for line in missing:
         print(f"MISSING {line}")
     count = sum("files" in entry for entry in entries)
@@ -142,12 +207,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("build", nargs="?", default=BUILD, type=Path)
     parser.add_argument("--gather", action="store_true", help="from the last run, without building")
     parser.add_argument("--manifest", action="store_true", help="write codecheck.yml")
+    parser.add_argument("--compare", nargs=2, type=Path, metavar=("A", "B"), help="two builds")
     options = parser.parse_args(arguments)
+    if options.compare:
+        return int(compare(*options.compare) > 0)
     if options.manifest:
         (ROOT / "codecheck.yml").write_text(manifest(), encoding="utf-8")
         return 0
     build = options.build.absolute()
     if not options.gather:
+        forget(build)
         shutil.rmtree(build / "vectors", ignore_errors=True)
         os.environ["LISSOME_FIGURES"] = str(build / "vectors")
         if status := runpy.run_path(str(TOOLS / "build_book.py"))["main"]([str(build)]):
