@@ -54,6 +54,11 @@ def end_loads(count: int = 1) -> Array:
     ndarray, shape (count,)
         In units of :math:`B/L^2`; the first is (4.39) of the thesis.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> end_loads(2)
@@ -81,6 +86,11 @@ def distributed_loads(count: int = 1) -> Array:
     -------
     ndarray, shape (count,)
         In units of :math:`B/L^3`; the first is (4.39) of the thesis.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -115,6 +125,16 @@ class HeavyCantilever:
         Bending energy plus :math:`f_d\int x\,ds`.
     coefficients : ndarray, shape (degree + 1,)
         Chebyshev coefficients of the tangent angle on [0, 1].
+
+    Examples
+    --------
+    The free end is free of moment, and the clamp bears the moment of the weight:
+
+    >>> column = heavy_cantilever(12.0)
+    >>> node, weight = np.polynomial.legendre.leggauss(20)
+    >>> lever = 0.5 * weight @ column.points(0.5 * (node + 1))[:, 1]
+    >>> print(f"{abs(column.curvature(1.0)):.9f} {column.clamp_moment / (12 * lever):.9f}")
+    0.000000000 1.000000000
     """
 
     load: float
@@ -127,19 +147,37 @@ class HeavyCantilever:
     coefficients: Array = field(repr=False)
 
     def angle(self, position: npt.ArrayLike) -> Array:
-        """Tangent angle at arc lengths `position` in [0, 1]."""
+        """Tangent angle at arc lengths `position` in [0, 1].
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position)
         return np.asarray(chebyshev.chebval(2.0 * s - 1.0, self.coefficients))
 
     def curvature(self, position: npt.ArrayLike) -> Array:
-        """Curvature at arc lengths `position` in [0, 1]."""
+        """Curvature at arc lengths `position` in [0, 1].
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position)
         return np.asarray(
             chebyshev.chebval(2.0 * s - 1.0, 2.0 * chebyshev.chebder(self.coefficients))
         )
 
     def points(self, position: npt.ArrayLike) -> Array:
-        """Coordinates at arc lengths `position` in [0, 1], shape (..., 2)."""
+        """Coordinates at arc lengths `position` in [0, 1], shape (..., 2).
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position)
         nodes = 2.0 * _points(2 * self.coefficients.size) - 1.0
         theta = chebyshev.chebval(nodes, self.coefficients)
@@ -337,6 +375,11 @@ def end_load_tips(loads: npt.ArrayLike) -> Array:
     ndarray, shape (..., 2)
         The straight rod, (1, 0), up to the critical load; the branch with positive deflection above.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> end_load_tips([2.0, 4.0]).round(6)
@@ -365,6 +408,11 @@ def distributed_load_tips(loads: npt.ArrayLike) -> Array:
     -------
     ndarray, shape (..., 2)
         The straight rod, (1, 0), up to the critical load; the branch with positive deflection above.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------

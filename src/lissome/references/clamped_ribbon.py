@@ -64,6 +64,11 @@ class Ribbon:
     crossover : float
         :math:`\xi/L`; zero for Kirchhoff's rod.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> ribbon = Ribbon.of(width=0.1, thickness=0.01, poisson_ratio=0.5)
@@ -95,6 +100,11 @@ class Ribbon:
             In (-1, 0.5].
         stretches : bool
             If False, Kirchhoff's rod of the same stiffnesses.
+
+        Raises
+        ------
+        InvalidInput
+            If an argument is out of its range.
         """
         w, h = positive("width", width), positive("thickness", thickness)
         nu = finite("poisson_ratio", poisson_ratio)
@@ -104,14 +114,14 @@ class Ribbon:
         return cls((w / h) ** 2, 2.0 / (1.0 + nu), xi if stretches else 0.0)
 
     def density(self, k1: npt.NDArray, k2: npt.NDArray, k3: npt.NDArray) -> npt.NDArray:
-        """Energy per length."""
+        """Energy per length for strains `k1`, `k2`, `k3` in units of 1/L (arrays of one shape)."""
         total = k1**2 + self.hard_bending * k2**2 + self.twisting * k3**2
         if self.crossover:
             total = total + k3**4 / (self.crossover**-2 + k1**2)
         return np.asarray(0.5 * total)
 
     def moments(self, k1: npt.NDArray, k3: npt.NDArray) -> tuple[npt.NDArray, npt.NDArray]:
-        """Moments m1 and m3."""
+        """Moments m1 and m3 for strains `k1`, `k3` in units of 1/L."""
         if not self.crossover:
             return k1, self.twisting * k3
         base = self.crossover**-2 + k1**2
@@ -120,7 +130,7 @@ class Ribbon:
     def moduli(
         self, k1: npt.NDArray, k3: npt.NDArray
     ) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
-        """Second derivatives W11, W13, W33."""
+        """Second derivatives W11, W13, W33 for strains `k1`, `k3` in units of 1/L."""
         if not self.crossover:
             return 1.0 + 0.0 * k1, 0.0 * k1, self.twisting + 0.0 * k1
         c = self.crossover**-2
@@ -134,7 +144,24 @@ class Ribbon:
 
 @dataclass(frozen=True)
 class Clamps:
-    """Where the second clamp is: shortening and shear in units of L, twist in radians."""
+    """Where the second clamp is: shortening and shear in units of L, twist in radians.
+
+    Parameters
+    ----------
+    shortening : float
+        Length minus distance of the clamps along the axis, over L.
+    shear : float
+        Distance across the axis, over L.
+    twist : float
+        Angle about the axis, in radians.
+
+    Examples
+    --------
+    >>> from lissome.references.elastica import buckled_strip
+    >>> state = arch(Ribbon(100.0, 4 / 3), 0.25, elements=12)
+    >>> state.clamps, round(state.energy / buckled_strip(0.75).energy, 6)
+    (Clamps(shortening=0.25, shear=0.0, twist=0.0), 1.0)
+    """
 
     shortening: float
     shear: float = 0.0
@@ -153,6 +180,15 @@ class Equilibrium:
         Its clamps.
     solution : Point
         Center line, quaternion (scalar first), m2, k1 and k3 along the ribbon, and the force in space.
+
+    Examples
+    --------
+    The planar arch is Euler's elastica, whatever the ribbon:
+
+    >>> from lissome.references.elastica import buckled_strip
+    >>> state, plane = arch(Ribbon(100.0, 4 / 3), 0.25, elements=12), buckled_strip(0.75)
+    >>> print(f"{-state.force[0] / plane.thrust:.6f} {-state.middle[2] / plane.height:.6f}")
+    1.000000 1.000000
     """
 
     ribbon: Ribbon
@@ -186,7 +222,7 @@ class Equilibrium:
         return float((bend * twist - mixed**2).min())
 
     def strains(self, position: npt.ArrayLike) -> Array:
-        """Strains k1, k2, k3 at arc lengths in [0, 1], shape (..., 3)."""
+        """Strains k1, k2, k3 at arc lengths `position` in [0, 1], shape (..., 3), units of 1/L."""
         values = self.solution.at(position)
         hard = values[..., 7] / self.ribbon.hard_bending
         return np.stack([values[..., 8], hard, values[..., 9]], axis=-1)
@@ -206,6 +242,8 @@ def arch(ribbon: Ribbon, shortening: float, *, elements: int = 24, stages: int =
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If Newton's method fails.
 
@@ -261,6 +299,8 @@ def moved(state: Equilibrium, control: Control, value: float, *, step: float = 0
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If the equilibria turn back before `value`, or meet a singular law.
 
@@ -325,6 +365,8 @@ def pitchfork(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If there is none, or the branch cannot be followed.
 
@@ -401,8 +443,20 @@ def beyond(critical: Equilibrium, mode: Array, control: Control, amplitude: floa
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If Newton's method fails; try another amplitude.
+
+    Examples
+    --------
+    The two halves of the branch are mirror images: they need the same shear.
+
+    >>> start = arch(Ribbon(100.0, 4 / 3), 0.25, elements=8, stages=3)
+    >>> critical, mode = pitchfork(start, "shear", 0.3, step=0.1)
+    >>> left, right = (beyond(critical, mode, "shear", size) for size in (0.05, -0.05))
+    >>> print(f"{left.clamps.shear - right.clamps.shear:.6f} {left.energy - right.energy:.6f}")
+    0.000000 0.000000
     """
     family = _like(critical, control)
     parameters = np.array([*critical.force, getattr(critical.clamps, control)])
@@ -451,6 +505,8 @@ def helicoid_load(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If there is none above -400.
 

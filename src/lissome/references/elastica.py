@@ -51,6 +51,15 @@ class BuckledStrip:
         Bending energy, :math:`P\,(\text{span} - 1 + 2k^2)`.
     end_curvature : float
         Curvature at the first clamp, :math:`2k\sqrt P`.
+
+    Examples
+    --------
+    Pushing the clamps together by a little does the work of the thrust:
+
+    >>> near, far = buckled_strip(0.949), buckled_strip(0.951)
+    >>> work = (near.energy - far.energy) / 0.002
+    >>> print(f"{work:.3f} {buckled_strip(0.95).thrust:.3f}")
+    40.494 40.494
     """
 
     span: float
@@ -66,19 +75,37 @@ class BuckledStrip:
         return float(2.0 * np.arcsin(self.modulus))
 
     def angle(self, position: npt.ArrayLike) -> Array:
-        r"""Tangent angle :math:`2\arcsin[k\,\mathrm{sn}(\sqrt P s)]` at arc lengths `position`."""
+        r"""Tangent angle :math:`2\arcsin[k\,\mathrm{sn}(\sqrt P s)]` at arc lengths `position`.
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position)
         sn, _, _, _ = ellipj(np.sqrt(self.thrust) * s, self.modulus**2)
         return np.asarray(2.0 * np.arcsin(self.modulus * sn))
 
     def curvature(self, position: npt.ArrayLike) -> Array:
-        r"""Curvature :math:`2k\sqrt P\,\mathrm{cn}(\sqrt P s)` at arc lengths `position`."""
+        r"""Curvature :math:`2k\sqrt P\,\mathrm{cn}(\sqrt P s)` at arc lengths `position`.
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position)
         _, cn, _, _ = ellipj(np.sqrt(self.thrust) * s, self.modulus**2)
         return np.asarray(self.end_curvature * cn)
 
     def points(self, position: npt.ArrayLike) -> Array:
-        """Coordinates from the first clamp, shape (..., 2)."""
+        """Coordinates at arc lengths `position` from the first clamp, shape (..., 2).
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position)
         root = np.sqrt(self.thrust)
         m = self.modulus**2
@@ -101,6 +128,11 @@ def buckled_strip(span: float) -> BuckledStrip:
     Returns
     -------
     BuckledStrip
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -174,6 +206,13 @@ def lowest_eigenvalues(span: float, *, rtol: float = 1e-11) -> tuple[float, floa
         As the span tends to 1: :math:`q^2 - 4\pi^2 = 41.2845` with :math:`\tan(q/2) = q/2`, and
         :math:`12\pi^2`.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+    NotConverged
+        If the iteration finds no solution.
+
     Examples
     --------
     >>> even, odd = lowest_eigenvalues(0.95)
@@ -230,6 +269,11 @@ def clamped_column_loads(count: int = 2) -> Array:
     -------
     ndarray, shape (count,)
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> clamped_column_loads(2)
@@ -263,6 +307,16 @@ class Cantilever:
         Curvature at the clamp.
     energy : float
         Bending energy.
+
+    Examples
+    --------
+    The moment at the clamp is the load times its lever arm; a small load F deflects by F/3:
+
+    >>> tip = transverse_cantilever(3.0)
+    >>> print(f"{tip.clamp_moment / (tip.load * tip.x):.6f}")
+    1.000000
+    >>> print(f"{transverse_cantilever(1e-3).y / 1e-3:.6f}")
+    0.333333
     """
 
     load: float
@@ -290,6 +344,11 @@ def transverse_cantilever(load: float) -> Cantilever:
     Returns
     -------
     Cantilever
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -331,6 +390,11 @@ def compressed_cantilever(load: float) -> Cantilever:
     -------
     Cantilever
         The branch with y > 0.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------

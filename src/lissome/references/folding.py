@@ -68,6 +68,20 @@ class FoldedRing:
         Moment :math:`m_1 = \sum a_j\cos(2js')`, j odd, :math:`m_2 = \sum b_j\cos(2js')`, j even,
         :math:`m_3 = \sum c_j\sin(2js')`, j odd, with :math:`s' = 2\pi s` and for length
         :math:`2\pi`.
+
+    Examples
+    --------
+    For equal stiffnesses the shape is known in closed form (:func:`even_fold`); nothing but the rigid
+    motions and the shift along the rod is neutral.
+
+    >>> from lissome.references.ring import RingSection
+    >>> section = RingSection(2.0, 1.0, 1.0)
+    >>> ring = folded_ring(section, 2.1)
+    >>> s = [0.0, 0.1, 0.2]
+    >>> print(np.allclose(ring.points(s)[:, 2] ** 2, even_fold(section, 2.1, s)[:, 2] ** 2))
+    True
+    >>> print(ring.spectrum(count=5).round(9) + 0.0)
+    [0.   0.   0.   0.   0.96]
     """
 
     section: RingSection
@@ -82,18 +96,36 @@ class FoldedRing:
     coefficients: Array = field(repr=False)
 
     def strains(self, position: npt.ArrayLike) -> Array:
-        """Strains times L at arc lengths `position` (unit length), shape (..., 3)."""
+        """Strains times L at arc lengths `position` (unit length), shape (..., 3).
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = _TWO_PI * finite_array("position", position)
         m = _moments(self.coefficients, s)
         return _TWO_PI * _strains(self.section, self.overcurvature, m)
 
     def frames(self, position: npt.ArrayLike) -> Array:
-        """Directors as columns at arc lengths `position`, shape (..., 3, 3)."""
+        """Directors as columns at arc lengths `position`, shape (..., 3, 3).
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = _TWO_PI * finite_array("position", position)
         return _directors(self.section, self.coefficients, s)
 
     def points(self, position: npt.ArrayLike) -> Array:
-        """Coordinates over L at arc lengths `position`, shape (..., 3)."""
+        """Coordinates over L at arc lengths `position`, shape (..., 3).
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position)
         samples = 8 * self.coefficients.shape[1]
         grid = _TWO_PI * np.arange(samples) / samples
@@ -105,7 +137,7 @@ class FoldedRing:
         return np.asarray(2.0 * np.real(wave @ hat) / _TWO_PI)
 
     def spectrum(self, *, count: int = 8) -> Array:
-        """Lowest eigenvalues of the second variation; four of them are neutral motions."""
+        """Lowest `count` eigenvalues of the second variation; four of them are neutral motions."""
         modes = 4 * self.coefficients.shape[1]
         s = np.arange(4 * modes) / (4.0 * modes)
         return second_variation_spectrum(
@@ -408,6 +440,11 @@ def even_fold(section: RingSection, overcurvature: float, position: npt.ArrayLik
     ndarray, shape (..., 3)
         Coordinates over L.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> from lissome.references.ring import RingSection
@@ -449,6 +486,11 @@ def opposite_distance(section: RingSection, overcurvature: npt.ArrayLike) -> Arr
     -------
     ndarray
         D/L, of the shape of `overcurvature`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------

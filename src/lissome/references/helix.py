@@ -47,6 +47,15 @@ class UniformHelix:
         Angle about the axis per length, :math:`\omega`.
     energy : float
         Energy per length.
+
+    Examples
+    --------
+    Curvature 3 and twist 4 make a helix of radius 3/25 that rises by 4/5 of its length:
+
+    >>> helix = uniform_helix(3.0, 4.0)
+    >>> point = helix.points(1.0)
+    >>> print(np.hypot(point[0], point[1]).round(9), point[2].round(9), helix.energy)
+    0.12 0.8 12.5
     """
 
     curvature: float
@@ -59,7 +68,13 @@ class UniformHelix:
     energy: float
 
     def points(self, position: npt.ArrayLike) -> Array:
-        """Coordinates at arc lengths `position`, shape (..., 3); the axis is the third one."""
+        """Coordinates at arc lengths `position`, shape (..., 3); the axis is the third one.
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position)
         angle = self.rotation * s
         return np.stack(
@@ -67,7 +82,13 @@ class UniformHelix:
         )
 
     def frames(self, position: npt.ArrayLike) -> Array:
-        """Directors (normal, binormal, tangent) as columns, shape (..., 3, 3)."""
+        """Directors (normal, binormal, tangent) as columns at arc lengths `position`, shape (..., 3, 3).
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position)
         angle = self.rotation * s
         sine, cosine, flat = np.sin(angle), np.cos(angle), self.curvature / self.rotation
@@ -100,6 +121,11 @@ def uniform_helix(
     Returns
     -------
     UniformHelix
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -156,6 +182,8 @@ def loaded_helix(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If the branch of uniform helices ends before the full load.
 

@@ -75,6 +75,11 @@ def eigenvalues(count: int = 1) -> Array:
     -------
     ndarray, shape (count,)
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> round(float(eigenvalues()[0]), 6)
@@ -89,6 +94,21 @@ def eigenvalues(count: int = 1) -> Array:
 
 def mode(position: npt.ArrayLike) -> Array:
     """Twist angle of the first mode at arc lengths from the clamp, 1 at the free end.
+
+    Parameters
+    ----------
+    position : array_like
+        Arc lengths from the clamp over the length, in [0, 1].
+
+    Returns
+    -------
+    ndarray
+        Of the shape of `position`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -109,6 +129,15 @@ def mode(position: npt.ArrayLike) -> Array:
 def linear_load(poisson_ratio: float) -> float:
     r"""Critical :math:`\gamma` of the linear and of the refined law, :math:`\sqrt{8\lambda/(1+\nu)}`.
 
+    Parameters
+    ----------
+    poisson_ratio : float
+        In (-1, 0.5].
+
+    Returns
+    -------
+    float
+
     Examples
     --------
     >>> round(linear_load(0.0), 4)
@@ -120,6 +149,15 @@ def linear_load(poisson_ratio: float) -> float:
 
 def sadowsky_load(poisson_ratio: float) -> float:
     r"""Critical :math:`\gamma` of Sadowsky's law, by shooting from the free end.
+
+    Parameters
+    ----------
+    poisson_ratio : float
+        In (-1, 0.5].
+
+    Returns
+    -------
+    float
 
     Examples
     --------
@@ -145,6 +183,22 @@ def sadowsky_load(poisson_ratio: float) -> float:
 def curvature_scale(thickness: float, width: float, poisson_ratio: float) -> float:
     r""":math:`k_* = t/a^2\sqrt{12(1-\nu^2)}`, in the inverse unit of thickness and width.
 
+    Parameters
+    ----------
+    thickness, width : float
+        t and a, in one unit.
+    poisson_ratio : float
+        In (-1, 0.5].
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> round(curvature_scale(0.0925, 5.10, 0.4), 6)
@@ -160,6 +214,21 @@ def phi(v: npt.ArrayLike) -> Array:
     With :math:`x = v^2/4`,
     :math:`\varphi = \sum_{k\ge1} \frac{2k\,x^{k-1}}{(4k+2)!} \Big/ \sum_{k\ge0} \frac{x^k}{(4k+1)!}`:
     all terms are positive, nothing cancels.
+
+    Parameters
+    ----------
+    v : array_like
+        Longitudinal over cross curvature scale, dimensionless, of either sign.
+
+    Returns
+    -------
+    ndarray
+        Of the shape of `v`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -193,6 +262,14 @@ class Postbuckling:
         gamma.
     deflection : ndarray, shape (k,)
         Lateral deflection of the free end over l^2 k*.
+
+    Examples
+    --------
+    A ribbon that hardly turns bears the critical load of the linear law:
+
+    >>> curve = postbuckling([1e-3], 0.4, elements=8)
+    >>> print(f"{curve.load[0] / linear_load(0.4):.6f}")
+    1.000000
     """
 
     poisson_ratio: float
@@ -225,6 +302,8 @@ def postbuckling(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If the continuation in the amplitude fails.
 
@@ -329,6 +408,8 @@ def overhang(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If length and load do not settle.
 
@@ -362,6 +443,16 @@ def koiter_width_coefficient(poisson_ratio: float) -> float:
        {360(1-\nu^2)\,z^2\int M^2\theta^2\,ds} .
 
     The numbers of Audoly and Neukirch for their alpha follow with this factor of one half.
+
+    Parameters
+    ----------
+    poisson_ratio : float
+        In (-1, 0.5].
+
+    Returns
+    -------
+    float
+        :math:`\alpha`.
 
     Examples
     --------

@@ -66,6 +66,11 @@ def absorption_moment(thickness: float, depth: float) -> float:
     float
         In the square of that unit; of order :math:`h^3/(12 d)` where light passes unabsorbed.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> round(absorption_moment(15.0, 0.56), 6)
@@ -104,6 +109,11 @@ def dimensionless_illumination(
     -------
     float
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> round(dimensionless_illumination(-5.4e-5, 100, 15e-6, 0.56e-6, 15e-3), 6)
@@ -130,6 +140,14 @@ class Snap:
         Modes of the shape on either side of the jump.
     direction : int
         +1 if the strip jumps up, -1 if down (sign of the change of the mean height).
+
+    Examples
+    --------
+    Oblique light takes the buckled-up strip over a fold; it jumps down.
+
+    >>> (snap,) = strip_history(10.0, 0.8, 0.95, until=1.1, modes=12).snaps
+    >>> snap.kind, snap.direction
+    ('fold', -1)
     """
 
     time: float
@@ -158,6 +176,15 @@ class StripHistory:
         In order of time.
     steady : bool
         Whether the run ended because nothing moved any more.
+
+    Examples
+    --------
+    Before the light has acted, the strip pushes with the thrust of Euler's elastica:
+
+    >>> from lissome.references.elastica import buckled_strip
+    >>> history = strip_history(1.0, 0.0, 0.95, until=0.1, modes=12)
+    >>> print(f"{history.multipliers[0, 0]:.5f} {buckled_strip(0.95).thrust:.5f}")
+    40.49397 40.49397
     """
 
     times: Array
@@ -170,12 +197,15 @@ class StripHistory:
     _basis: _Basis = field(repr=False)
 
     def angle(self, position: npt.ArrayLike) -> Array:
-        """Return the tangent angle, shape (steps, len(position))."""
+        """Return the tangent angle at arc lengths `position` in [0, 1], shape (steps, len(position))."""
         s = np.atleast_1d(np.asarray(position, dtype=float))
         return self.shapes @ _integrated(s, self.shapes.shape[1]).T
 
     def natural_curvature(self, position: npt.ArrayLike) -> Array:
-        """Return the natural curvature without its mean, shape (steps, len(position))."""
+        """Return the natural curvature without its mean at arc lengths `position` in [0, 1].
+
+        Its shape is (steps, len(position)).
+        """
         s = np.atleast_1d(np.asarray(position, dtype=float))
         return self.curvatures @ _legendre(s, self.shapes.shape[1]).T
 
@@ -412,14 +442,24 @@ def strip_period(
     up: bool = True,
     limit: float = 200.0,
 ) -> tuple[float, float] | None:
-    """Period of steady flapping and the part of it that the strip spends bent up.
+    r"""Period of steady flapping and the part of it that the strip spends bent up.
 
     Parameters
     ----------
-    response, angle, span, modes, rtol, up
-        As in :func:`strip_history`.
+    response : float
+        Dimensionless illumination :math:`\Lambda`, of either sign.
+    angle : float
+        Angle of the light from the vertical, in radians.
+    span : float
+        Distance of the clamps, in (0, 1).
+    modes : int, optional
+        Legendre modes.
+    rtol : float, optional
+        Relative tolerance of the integration along the path.
     tolerance : float, optional
         Two successive periods agree to this when the run ends.
+    up : bool, optional
+        Whether the strip starts buckled up.
     limit : float, optional
         Longest time simulated.
 
@@ -430,8 +470,17 @@ def strip_period(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If no period settles within `limit`.
+
+    Examples
+    --------
+    Weak light only bends the strip, until it rests:
+
+    >>> strip_period(1.0, 0.5, 0.95, modes=8) is None
+    True
     """
     strip = _strip(response, angle, span, modes, None)
     small = positive("tolerance", tolerance)
@@ -481,8 +530,12 @@ def snap_time(
         Peak illumination :math:`\Lambda_{\max}`.
     center, width : float
         :math:`\mu` and W of (3.32) of the thesis.
-    span, modes, rtol
-        As in :func:`strip_history`.
+    span : float
+        Distance of the clamps, in (0, 1).
+    modes : int, optional
+        Legendre modes.
+    rtol : float, optional
+        Relative tolerance of the integration along the path.
     limit : float, optional
         Longest time simulated.
 
@@ -490,6 +543,19 @@ def snap_time(
     -------
     float
         ``inf`` if the strip comes to rest, or lasts to `limit`, without a snap.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
+    Examples
+    --------
+    Strong light leaves no time to relax: twice the light, half the time.
+
+    >>> slow, fast = (snap_time(peak, 0.4, 0.1, 0.95, modes=8) for peak in (1000.0, 2000.0))
+    >>> print(f"{slow / fast:.2f}")
+    2.00
     """
     strip = _strip(response, 0.0, span, modes, (center, width))
     history = _run(
@@ -525,6 +591,15 @@ class SteadyLimit:
         Rates of small slow motions, in order of falling real part, just before the limit.
     shape : ndarray, shape (modes,)
         Legendre modes of the curvature.
+
+    Examples
+    --------
+    At the end of the steady states the lowest mechanical eigenvalue vanishes, while the slow motions
+    about them still decay:
+
+    >>> end = steady_limit(0.8, 0.95, modes=10)
+    >>> end.kind, abs(end.eigenvalue) < 1e-9, bool(end.rates.real.max() < 0)
+    ('snap', True, True)
     """
 
     response: float
@@ -577,6 +652,8 @@ def steady_limit(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If a corrector fails.
 

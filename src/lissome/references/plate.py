@@ -85,6 +85,11 @@ class AxisymmetricDisc:
     edge : str
         "free", "simply supported", "hinged", "clamped" or "sliding clamp".
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     A load that is small: q R^4/(64 D) at the center of a clamped disc.
@@ -121,7 +126,15 @@ class AxisymmetricDisc:
             )
 
     def residual(self, z: Array, jacobian: bool = True) -> tuple[Array, Array | None]:
-        """Return the collocation equations of u/r and slope/r, and their derivatives."""
+        """Return the collocation equations of u/r and slope/r, and their derivatives.
+
+        Parameters
+        ----------
+        z : ndarray, shape (size,)
+            The unknowns, as :class:`AxisymmetricState` holds them.
+        jacobian : bool
+            Whether the derivatives are wanted; None in their place if not.
+        """
         x, d, _ = _grid(_PIECES, _DEGREE)
         pieces, k = x.shape
         n = pieces * (k - 1) + 1
@@ -219,6 +232,8 @@ class AxisymmetricDisc:
 
         Raises
         ------
+        InvalidInput
+            If an argument is out of its range.
         NotConverged
             If Newton's method does not converge.
         """
@@ -255,8 +270,18 @@ class AxisymmetricState:
     Attributes
     ----------
     disc : AxisymmetricDisc
-    unknowns : ndarray
+        The disc.
+    unknowns : ndarray, shape (size,)
         u/r, then slope/r, at the collocation points.
+
+    Examples
+    --------
+    Under a small load a clamped disc takes the shape :math:`(1 - r^2)^2`:
+
+    >>> disc = AxisymmetricDisc(bending=1e-2, poisson=0.3, edge="clamped", pressure=1e-9)
+    >>> state = disc.solve()
+    >>> print((state.deflection([0.0, 0.5, 1.0]) / state.height).round(6) + 0.0)
+    [1.     0.5625 0.    ]
     """
 
     disc: AxisymmetricDisc
@@ -341,15 +366,15 @@ class AxisymmetricState:
         return out
 
     def deflection(self, radius: ArrayLike) -> Array:
-        """Return w, measured from the edge, at radii."""
+        """Return w, measured from the edge, at distances `radius` from the center."""
         return self._interpolate(self._parts["w"], radius)
 
     def slope(self, radius: ArrayLike) -> Array:
-        """Return w' at radii."""
+        """Return w' at distances `radius` from the center."""
         return self._interpolate(self._parts["r"] * self._parts["s"], radius)
 
     def displacement(self, radius: ArrayLike) -> Array:
-        """Return u at radii."""
+        """Return u at distances `radius` from the center."""
         return self._interpolate(self._parts["r"] * self._parts["p"], radius)
 
     def softest(self, waves: int, terms: int = 16) -> float:
@@ -369,6 +394,11 @@ class AxisymmetricState:
         -------
         float
             Negative when the disc is unstable to these waves. Energy over length^4.
+
+        Raises
+        ------
+        InvalidInput
+            If an argument is out of its range.
         """
         waves = integer_at_least("waves", waves, 2)
         terms = integer_at_least("terms", terms, 2)
@@ -441,7 +471,7 @@ def fold(
     Parameters
     ----------
     state : AxisymmetricState
-        Where p = 0.
+        Where p = 0; not flat, since its size is that of the first steps.
     curvature : array_like, shape (2,)
         The direction, radial and azimuthal.
     step : float
@@ -458,8 +488,20 @@ def fold(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If there is no fold up to `most`.
+
+    Examples
+    --------
+    A dome of a strain with a defect: spontaneous curvature against it lowers the dome, until it folds.
+
+    >>> disc = AxisymmetricDisc(bending=1e-4, poisson=0.5, radius=0.5, strain=(0.01, -0.02))
+    >>> dome = disc.solve(height=0.1)
+    >>> p, last = fold(dome, (-1.0, 2.0), step=0.2, most=2.0)
+    >>> print(p > 0, 0 < last.height < dome.height)
+    True True
     """
     base, origin = state.disc, np.asarray(state.disc.curvature)
     direction = finite_array("curvature", curvature, shape=(2,))
@@ -553,6 +595,11 @@ def buckling_strain(thickness: float, poisson: float) -> float:
     float
         Critical :math:`\epsilon_r - \epsilon_\theta`: the linear buckling of the flat state, whose
         stress is in closed form, into an axisymmetric shape.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------

@@ -80,6 +80,11 @@ class Ribbon:
         Which of the three published squares of the extensibility length :math:`\xi`:
         :math:`(1-\nu^2)w^4/60h^2`, :math:`w^4/60h^2` or :math:`w^4/120h^2`.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> ribbon = Ribbon(width=8.0, thickness=0.2, radius=108.0, poisson_ratio=0.3)
@@ -127,20 +132,20 @@ class Ribbon:
         return float(np.sqrt(factor) * self.width**2 / self.thickness / self.radius)
 
     def energy_density(self, k1: npt.ArrayLike, k2: npt.ArrayLike, k3: npt.ArrayLike) -> Array:
-        """W in units of A2/R^2, strains in units of 1/R."""
+        """W in units of A2/R^2, for strains `k1`, `k2`, `k3` in units of 1/R (arrays of one shape)."""
         one, two, three = (np.asarray(k) for k in (k1, k2, k3))
         soft = two**2 + three**4 / (self.extensibility**-2 + two**2)
         return np.asarray(0.5 * (self.hard_bending * one**2 + soft + self.twisting * three**2))
 
     def moments(self, k2: npt.NDArray, k3: npt.NDArray) -> tuple[npt.NDArray, npt.NDArray]:
-        """Moments m2 and m3."""
+        """Moments m2 and m3 in units of A2/R, for strains `k2`, `k3` in units of 1/R."""
         base = self.extensibility**-2 + k2**2
         return k2 - k3**4 * k2 / base**2, self.twisting * k3 + 2.0 * k3**3 / base
 
     def tangent_moduli(
         self, k2: npt.NDArray, k3: npt.NDArray
     ) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
-        """Second derivatives W22, W23, W33."""
+        """Second derivatives W22, W23, W33 in units of A2, for strains `k2`, `k3` in units of 1/R."""
         c = self.extensibility**-2
         base = c + k2**2
         return (
@@ -150,7 +155,7 @@ class Ribbon:
         )
 
     def ellipticity(self, k2: npt.NDArray, k3: npt.NDArray) -> npt.NDArray:
-        """Determinant W22 W33 - W23^2; the Hessian is positive definite where it is positive.
+        """Determinant W22 W33 - W23^2 for strains `k2`, `k3`: where it is positive W is convex there.
 
         W33 is always positive.
         """
@@ -160,7 +165,7 @@ class Ribbon:
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """An equilibrium of one of the two symmetries, stored as its first half.
+    r"""An equilibrium of one of the two symmetries, stored as its first half.
 
     Attributes
     ----------
@@ -175,6 +180,14 @@ class Equilibrium:
         the force components along x and y.
     jump : float or None
         Arc length from the clamp at which k2 jumps.
+
+    Examples
+    --------
+    With hardly any twist it is the half circle: energy :math:`\pi/2`, middle one radius away.
+
+    >>> state = equilibrium(Ribbon(8.0, poisson_ratio=0.4), 1e-6, elements=4, stages=3)
+    >>> print(f"{state.energy / np.pi:.6f} {state.midpoint[2]:.6f} {state.strains(0.5)[1]:.6f}")
+    0.500000 1.000000 1.000000
     """
 
     ribbon: Ribbon
@@ -239,11 +252,11 @@ class Equilibrium:
         return float(2.0 * np.einsum("e,j,ej->", np.diff(self.solution.mesh), weight, density))
 
     def positions(self, position: npt.ArrayLike) -> Array:
-        """Points of the first half at arc lengths in [0, pi/2], shape (..., 3)."""
+        """Points at arc lengths `position` of the first half, in [0, pi/2], shape (..., 3), units of R."""
         return self.solution.at(position)[..., :3]
 
     def strains(self, position: npt.ArrayLike) -> Array:
-        """Strains k1, k2, k3 at arc lengths in [0, pi/2], shape (..., 3)."""
+        """Strains k1, k2, k3 at arc lengths `position` in [0, pi/2], shape (..., 3), units of 1/R."""
         values = self.solution.at(position)
         return np.stack(
             [values[..., 7] / self.ribbon.hard_bending, values[..., 8], values[..., 9]], axis=-1
@@ -260,6 +273,15 @@ class Fold:
         The equilibrium there.
     index : int
         It lies between the states `index` and `index + 1` of the branch.
+
+    Examples
+    --------
+    Where the twist turns back, a ribbon whose clamps are turned further snaps:
+
+    >>> branch = trace(Ribbon(8.0, poisson_ratio=0.4), stop_at_fold=True)
+    >>> (fold,) = branch.folds
+    >>> print(f"{fold.twist:.4f}", bool(fold.twist > branch.twist.max()))
+    2.0119 True
     """
 
     state: Equilibrium
@@ -284,6 +306,14 @@ class Branch:
     end : {'range', 'ellipticity', 'count'}
         Why it ends: the twist left the range asked for, the Hessian of the energy density was
         about to lose its definiteness, or there were as many states as asked for.
+
+    Examples
+    --------
+    The branch begins with the half circle, whose middle lies one radius from the line of the clamps:
+
+    >>> branch = trace(Ribbon(8.0, poisson_ratio=0.4), until=0.1, elements=8)
+    >>> print(branch.twist[0], branch.deflection[0], branch.end, branch.folds)
+    0.0 [0. 1.] range ()
     """
 
     states: tuple[Equilibrium, ...]
@@ -328,6 +358,8 @@ def equilibrium(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If the branch folds or ends before `twist`.
 
@@ -399,14 +431,18 @@ def trace(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If no step, however small, leads on although the Hessian is far from singular.
 
     Examples
     --------
-    >>> branch = trace(Ribbon(8.0, poisson_ratio=0.4), stop_at_fold=True)
-    >>> round(branch.folds[0].twist, 4)
-    2.0119
+    A twist to both sides of the half circle: the middle moves out of the plane by it.
+
+    >>> branch = trace(Ribbon(8.0, poisson_ratio=0.4), until=0.1, elements=8)
+    >>> bool(branch.twist[-1] > 0.1), bool(branch.deflection[-1, 0] > 0), branch.end
+    (True, True, 'range')
     """
     top, longest = positive("until", until, "rad"), positive("step", step)
     integer_at_least("count", count, 2)
@@ -564,6 +600,22 @@ def threshold_width(
     -------
     (low, high) : tuple of float
         Widths over :math:`\sqrt{Lh}`; the branch ends at `low` and goes on at `high`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+    NotConverged
+        If the iteration finds no solution.
+
+    Examples
+    --------
+    A coarse bracket, on a coarse mesh:
+
+    >>> ribbon = Ribbon(8.0, poisson_ratio=0.4)
+    >>> low, high = threshold_width(ribbon, tolerance=0.2, elements=8, stages=3)
+    >>> print(f"{low:.2f} {high:.2f}")
+    1.10 1.27
     """
     goal = positive("tolerance", tolerance)
     # The extensibility length decides, so that all forms share one first bracket.
@@ -672,6 +724,11 @@ def stability(state: Equilibrium, *, degree: int = 4) -> tuple[float, float]:
     (symmetric, antisymmetric) : tuple of float
         Over variations that keep the symmetry of `state` and over those that break it; units of
         :math:`A_2/R^2`. The equilibrium is stable where both are positive.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------

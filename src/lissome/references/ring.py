@@ -82,6 +82,11 @@ def rectangle_torsion_constant(aspect: float) -> float:
     -------
     float
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> round(rectangle_torsion_constant(2.5), 6), round(rectangle_torsion_constant(1.0), 6)
@@ -107,6 +112,11 @@ class RingSection:
         Bending out of it.
     torsion : float
         Twisting.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -150,6 +160,11 @@ class RingSection:
         Returns
         -------
         RingSection
+
+        Raises
+        ------
+        InvalidInput
+            If an argument is out of its range.
         """
         w, t = positive("width", width), positive("thickness", thickness)
         if t > w:
@@ -198,6 +213,11 @@ def mode_threshold(
     float
         Modes n > k are unstable above it, modes n < k below it.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
@@ -245,6 +265,11 @@ def stable_range(section: RingSection, turns: int) -> tuple[float, float]:
     (low, high) : tuple of float
         It loses stability below by the mode k - 1, above by the mode k + 1.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
@@ -276,6 +301,11 @@ def turned_circle(section: RingSection, overcurvature: float) -> float:
     float
         The angle in [0, pi], in radians; for :math:`B_{out} \ge B_{in}` it jumps from 0 to pi (at the
         overcurvature where the energies are equal, O = 0).
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -313,6 +343,11 @@ def circle_spectrum(
     ndarray, shape (count,)
         For :math:`L = 2\pi`. Three vanish: the rigid rotations.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
@@ -349,7 +384,9 @@ def second_variation_spectrum(
     Parameters
     ----------
     section : RingSection
+        Stiffnesses of the rod.
     overcurvature : float
+        Natural curvature over that of the flat circle.
     frames : array_like, shape (n, 3, 3)
         Directors as columns, at n evenly spaced points of the ring.
     strains : array_like, shape (n, 3)
@@ -364,6 +401,28 @@ def second_variation_spectrum(
     ndarray, shape (count,)
         Rigid rotations and, where the ring is not a circle, the shift of the shape along the rod
         give zeros.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
+    Examples
+    --------
+    Only rigid rotations of a stable circle are neutral; at the threshold of the mode with two waves
+    that mode is, in its two phases, as well:
+
+    >>> section = RingSection(2.0, 1.0, 1.0)
+    >>> a = 2 * np.pi * np.arange(32) / 32
+    >>> tangent = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)
+    >>> inward = np.stack([-np.sin(a), np.cos(a), 0 * a], axis=-1)
+    >>> frames = np.stack([inward, np.cross(tangent, inward), tangent], axis=-1)
+    >>> strains = np.tile([0.0, 1.0, 0.0], (32, 1))
+    >>> for overcurvature in (1.1, mode_threshold(section, 1, 2)):
+    ...     spectrum = second_variation_spectrum(section, overcurvature, frames, strains, modes=6)
+    ...     print(np.count_nonzero(abs(spectrum) < 1e-9), bool(spectrum.min() > -1e-9))
+    3 True
+    5 True
     """
     kappa = finite_array("strains", strains, (None, 3))
     points = kappa.shape[0]

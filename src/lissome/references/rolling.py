@@ -65,6 +65,11 @@ def light_coefficient(order: int, angle: float = 0.0) -> complex:
     -------
     complex
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> light_coefficient(0).real
@@ -138,6 +143,11 @@ def selection(angle: float, speed: float) -> float:
     -------
     float
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> float(round(selection(0.3, 0.04), 12))
@@ -168,6 +178,11 @@ def contact_sum(angle: float, speed: float) -> float:
     float
         Second derivative of the height in the material coordinate of the contact, over
         :math:`\Lambda`; lengths in units of the ring's length.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -204,6 +219,14 @@ class LinearRolling:
         Ring lengths per relaxation time; positive away from the light.
     stable_response : int
         Sign of the response for which gravity holds the contact (+1 or -1).
+
+    Examples
+    --------
+    Beyond 46 degrees the ring rolls toward the light, and only with the other response:
+
+    >>> low, high = linear_speed(0.7), linear_speed(0.9)
+    >>> low.speed > 0, low.stable_response, high.speed < 0, high.stable_response
+    (True, -1, True, 1)
     """
 
     speed: float
@@ -230,6 +253,8 @@ def linear_speed(angle: float) -> LinearRolling:
     ------
     InvalidInput
         If the angle is out of range or is the breakdown angle to round-off.
+    NotConverged
+        If the iteration finds no solution.
 
     Examples
     --------
@@ -288,6 +313,11 @@ def linear_natural_curvature(
     -------
     ndarray of the shape of `position`
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> linear_natural_curvature([0.0], 0.0, 0.0)
@@ -334,6 +364,15 @@ class RollingWave:
         Moment at the contact (bending stiffness 1) and the internal force (components x, y).
     residual : float
         Largest residual of the collocated equations.
+
+    Examples
+    --------
+    The ring closes after one full turn of its tangent:
+
+    >>> wave = rolling_wave(-0.5, 0.2, nodes=16)
+    >>> gap = np.hypot(wave.x[-1] - wave.x[0], wave.y[-1] - wave.y[0])
+    >>> print(f"{(wave.angle[-1] - wave.angle[0]) / (2 * np.pi):.9f} {gap:.9f}")
+    1.000000000 0.000000000
     """
 
     speed: float
@@ -402,6 +441,8 @@ def rolling_wave(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If Newton's method does not settle; continue from a neighboring solution.
 

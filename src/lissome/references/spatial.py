@@ -48,6 +48,11 @@ def lateral_buckling_load(bending: float, torsion: float) -> float:
     -------
     float
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> round(lateral_buckling_load(1.0, 1.0), 6)
@@ -75,6 +80,14 @@ class SpatialCantilever:
         Elastic energy.
     stiffness, natural : ndarray, shape (3,)
         D and :math:`\kappa_0`.
+
+    Examples
+    --------
+    The clamp bears the moment of the force about it, also when the rod leaves its plane:
+
+    >>> rod = spatial_cantilever([1.0, 0.5, -0.5], stiffness=(1.0, 2.0, 1.5))
+    >>> print(np.allclose(rod.clamp_moment, np.cross(rod.tip, rod.force), atol=1e-9))
+    True
     """
 
     force: Array
@@ -86,7 +99,13 @@ class SpatialCantilever:
     natural: Array = field(repr=False)
 
     def points(self, position: npt.ArrayLike) -> Array:
-        """Coordinates at increasing arc lengths `position` in [0, 1], shape (n, 3)."""
+        """Coordinates at increasing arc lengths `position` in [0, 1], shape (n, 3).
+
+        Raises
+        ------
+        InvalidInput
+            If `position` is not finite.
+        """
         s = finite_array("position", position, (None,))
         if s.size and (np.any(np.diff(s) < 0.0) or s[0] < 0.0 or s[-1] > 1.0):
             raise InvalidInput("argument `position` must increase within [0, 1]")
@@ -116,6 +135,8 @@ def spatial_cantilever(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If a load step cannot be made: at a fold, or beyond a bifurcation.
 

@@ -56,6 +56,11 @@ def ring_twist(bending: float, torsion: float, *, mode: int = 2, turns: int = 1)
     float
         Twist of the section over the whole length, in radians.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> round(ring_twist(1.0, 1.0) / (2.0 * np.pi), 6)
@@ -91,6 +96,11 @@ def rod_thrust(torque: float, ends: str = "hinged") -> float:
     -------
     float
         P; negative if the rod must be pulled to stay straight.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Notes
     -----
@@ -128,6 +138,11 @@ def rod_torque(thrust: float, ends: str = "hinged") -> float:
     float
         M > 0. Without thrust :math:`2\pi`, or 8.9868 for clamped ends, where
         :math:`\tan(M/2) = M/2`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
