@@ -264,7 +264,7 @@ def test_heatmap_cells_surround_their_points(logarithmic):
     assert np.all((edges_x[:-1] < x) & (x < edges_x[1:]))
     assert np.all((edges_y[:-1] < y) & (y < edges_y[1:]))
     np.testing.assert_array_equal(mesh.get_array().mask, np.isnan(table))
-    assert fig.axes[-1].get_ylabel() == "frequency"
+    assert fig.axes[-1].get_title() == "frequency"
 
 
 def test_heatmap_says_what_is_wrong():
