@@ -6,6 +6,7 @@
 #   make lint         ruff and mypy
 #   make bench        benchmarks -> benchmarks/results.json
 #   make check-pages  look at every built page in a real browser, network cut
+#   make licenses     list the licenses of all packages -> DEPENDENCIES.md
 #   make lock         compile requirements.txt anew and check it on every supported Python
 #   make clean        delete $(BUILD) and caches (the environment stays; `make distclean` takes it too)
 #
@@ -20,13 +21,18 @@ JOBS   ?= auto
 unexport PYTHONPATH PYTHONHOME PYTHONSTARTUP MPLBACKEND
 export PYTHONNOUSERSITE := 1
 export PYTHONUTF8 := 1
+# Below a folder with letters beyond ASCII, Python 3.11 and 3.12 do not even start under LC_ALL=C;
+# without it they turn the locale C into one of UTF-8 by themselves.
+ifneq ($(filter C POSIX,$(LC_ALL)),)
+unexport LC_ALL
+endif
 
 # Scripts in bin/ carry the absolute path of their interpreter, which breaks on long paths and on
 # paths with spaces: `python -m` does not. The environment itself is no target either: a name with
 # a space cannot be one.
 RUN := "$(VENV)/bin/python"
 
-.PHONY: all env book reproduce test lint bench check-pages lock lock-check clean distclean
+.PHONY: all env book reproduce test lint bench check-pages licenses lock lock-check clean distclean
 all: test book
 
 env:
@@ -52,6 +58,9 @@ bench: env
 
 check-pages: env
 	$(RUN) tools/check_pages.py "$(BUILD)/html" --screenshots "$(BUILD)/screenshots"
+
+licenses: env
+	$(RUN) tools/licenses.py
 
 lock: env
 	$(RUN) tools/lock.py

@@ -3,8 +3,10 @@
 import ast
 import importlib
 import json
+import os
 import pkgutil
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -101,6 +103,37 @@ def test_classifiers_are_the_pythons_that_the_lock_is_checked_for(project, tools
     listed = [c.rsplit(" :: ", 1)[1] for c in project["classifiers"] if ":: 3." in c]
     assert tuple(listed) == lock.PYTHONS
     assert Requirement(f"python{project['requires-python']}").specifier.contains(lock.PYTHONS[0])
+
+
+def test_binder_finds_what_it_reads(root, tools):
+    """repo2docker takes `python-X.Y` from runtime.txt, and installs requirements.txt where it lies."""
+    import lock
+
+    found = re.fullmatch(r"python-(3\.\d+)\n", (root / "runtime.txt").read_text(encoding="utf-8"))
+    assert found and found[1] in lock.PYTHONS
+    for better in ("environment.yml", "Pipfile", "binder", ".binder", "Dockerfile"):
+        assert not (root / better).exists(), "Binder would read this instead"
+
+
+@pytest.mark.parametrize("environment", [{"LC_ALL": "C"}, {"LC_ALL": "POSIX"}, {"LANG": "C"}, {}])
+def test_make_starts_python_below_folders_of_any_name(root, tmp_path, environment):
+    """Python 3.11 and 3.12 read .pth files in the encoding of the locale, or do not start at all."""
+    make = shutil.which("make")
+    if make is None:
+        pytest.skip("needs make")
+    here = tmp_path / "Büro 2"
+    here.mkdir()
+    (here / "names.pth").write_text(f"{here}\n", encoding="utf-8")
+    code = f"import site; site.addsitedir({str(here)!r}); print('starts')"
+    text = (root / "Makefile").read_text(encoding="utf-8")
+    (here / "Makefile").write_text(
+        text + f'\nstart:\n\t@"{sys.executable}" -c "{code}"\n', encoding="utf-8"
+    )
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("LC_", "LANG", "PYTHON"))}
+    done = subprocess.run(
+        [make, "start"], cwd=here, env={**kept, **environment}, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (0, "starts\n"), done.stderr
 
 
 def test_book_configuration_offers_no_remote_service(root):
