@@ -53,7 +53,7 @@ def coarse():
 
 @pytest.mark.parametrize("segments", [150, 500, 1000, 2500, 5000])
 def bench_one_iteration(benchmark, measure, coarse, segments):
-    """Evaluate and factor; from 600 hinges on the matrix is factored by nested dissection."""
+    """Evaluate and factor, at the beginning of a change of mesh."""
     against = None if segments <= 1000 else "one iteration, N = 1000"
     measure(
         f"one iteration, N = {segments}", group="cost of an iteration", against=against,

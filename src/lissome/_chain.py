@@ -32,6 +32,9 @@ jit = _jit(no_cfunc_wrapper=True)
 # Called by compiled code only: less to compile.
 inner = _jit(no_cfunc_wrapper=True, no_cpython_wrapper=True)
 
+#: Largest sum of the entries of a scaled border row.
+_BORDER = 0.0625
+
 #: Kinds of events in the record of an elimination.
 _ONE, _DELAY, _SLOT, _PAIR = 1, 2, 3, 4
 
@@ -39,6 +42,10 @@ _ONE, _DELAY, _SLOT, _PAIR = 1, 2, 3, 4
 @jit
 def scale_chain(band, border, corner, nb, passes, scale, largest):
     """Write factors (powers of two) that make all rows of similar size (Ruiz' iteration).
+
+    Rows of the border are made smaller still: what eliminated columns leave there adds up along the
+    chain, and is not to delay those that follow. Border rows are no pivots before the end, where their
+    scale does not matter.
 
     ``largest``, like ``scale`` (n + nb,), is overwritten.
 
@@ -100,6 +107,14 @@ def scale_chain(band, border, corner, nb, passes, scale, largest):
         for j in range(n + nb):
             if largest[j] > 0.0:
                 scale[j] /= math.sqrt(largest[j] * scale[j])
+    # What columns leave in a border row adds up along the chain: its sum counts, not its largest entry.
+    for r in range(nb):
+        total = 0.0
+        for j in range(n):
+            total += abs(border[j, r]) * scale[j]
+        total *= scale[n + r]
+        if total > _BORDER:
+            scale[n + r] *= _BORDER / total
     for j in range(n + nb):
         mantissa, exponent = math.frexp(scale[j])
         scale[j] = math.ldexp(1.0, exponent - (1 if mantissa < math.sqrt(0.5) else 0))

@@ -92,20 +92,56 @@ def test_states_are_saved_and_loaded(tmp_path):
     assert np.array_equal(ribbon.difference(state, again), np.zeros(ribbon.size))
 
 
-def test_long_chains_have_the_same_matrix(monkeypatch):
-    from lissome.ribbons import _structure
+def _dense(kkt):
+    """The whole matrix, from its products with unit vectors, with rows of similar size."""
+    n, m = kkt.n, kkt.m
+    matrix = np.empty((n + m, n + m))
+    for j in range(n + m):
+        unit = np.zeros(n + m)
+        unit[j] = 1.0
+        matrix[j] = np.concatenate(kkt.apply(unit[:n], unit[n:]))
+    scale = 1.0 / np.sqrt(np.max(np.abs(matrix), axis=0))
+    return scale, scale[:, None] * matrix * scale
 
-    ribbon = ribbons.band(1.0, 30, WUNDERLICH, 1).loaded(nodes={3: (1, 0, 0), 9: (-1, 0, 0)})
-    rng = np.random.default_rng(1)
-    state = ribbon.retract(ribbon.adopt(ribbon.rod.initial), 0.1 * rng.normal(size=ribbon.size))
-    multipliers = rng.normal(size=ribbon.constraints_count)
-    chain = ribbon.evaluate(state, multipliers, 2).kkt
-    monkeypatch.setattr(_structure, "LONG", 2)
-    long = ribbon.evaluate(state, multipliers, 2).kkt
-    assert type(long) is not type(chain)
-    dx, dm = rng.normal(size=ribbon.size), rng.normal(size=ribbon.constraints_count)
-    for one, other in zip(chain.apply(dx, dm), long.apply(dx, dm), strict=True):
-        assert one == pytest.approx(other, abs=1e-10)
-    metric = ribbon.metric(state)
-    factors = [kkt.factorize(1e3, ribbon.gauge(state), metric) for kkt in (chain, long)]
-    assert factors[0].inertia == factors[1].inertia
+
+@pytest.mark.parametrize("scheme", ["staggered", "nodal"])
+@pytest.mark.parametrize("segments", [40, 100])
+def test_factors_of_closed_bands_have_the_inertia_of_the_eigenvalues(scheme, segments):
+    """At equilibria, away from them, and shifted until nothing or nearly everything is stable."""
+    law = ribbons.Wunderlich(width=0.1, rigidity=1.0)
+    band = ribbons.band(1.0, segments, law, scheme=scheme)
+    found = ls.equilibrate(band)
+    rng = np.random.default_rng(segments)
+    seen = set()
+    for wobble, width in ((0.0, 0.1), (0.0, 0.2), (0.02, 0.1)):
+        ribbon = band.with_width(width)
+        state = ribbon.retract(found.state, wobble * rng.normal(size=ribbon.size))
+        kkt = ribbon.evaluate(state, found.multipliers, 2).kkt
+        scale, matrix = _dense(kkt)
+        mass = np.concatenate([ribbon.metric(state), np.zeros(kkt.m)]) * scale**2
+        for shift in (0.0, 1.0, 300.0, -20.0, -3000.0):
+            values = np.linalg.eigvalsh(matrix + np.diag(shift * mass))
+            assert np.min(np.abs(values)) > 1e-11
+            factor = kkt.factorize(shift, metric=ribbon.metric(state))
+            assert factor.inertia == (np.sum(values > 0), np.sum(values < 0), 0)
+            seen.add(factor.index)
+            rhs = rng.normal(size=kkt.n), rng.normal(size=kkt.m)
+            dx, dm = factor.solve(*rhs)
+            left = matrix @ (np.concatenate([dx, dm]) / scale) - scale * np.concatenate(rhs)
+            left += shift * mass * np.concatenate([dx, dm]) / scale
+            assert np.max(np.abs(left)) < 1e-9 * np.max(np.abs(np.concatenate([dx, dm]) / scale))
+    assert min(seen) == 0
+    assert max(seen) > 5
+
+
+def test_columns_that_wait_for_a_pivot_do_not_pile_up():
+    """The factors have places for a few of them only, however long the chain: the cost is linear."""
+    law = ribbons.Wunderlich(width=0.1, rigidity=1.0)
+    found = ls.equilibrate(ribbons.band(1.0, 100, law))
+    for segments in (200, 800, 3200):
+        band = ribbons.band(1.0, segments, law)
+        found = ls.equilibrate(band, start=band.adapted(found))
+        for width in (0.1, 0.15):  # in equilibrium, and at the beginning of a change of width
+            kkt = band.with_width(width).evaluate(found.state, found.multipliers, 2).kkt
+            border = kkt.factorize()._factors[1]
+            assert border.shape[1] <= band.layout.skeleton.border + 8

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -105,4 +106,23 @@ def turned_band(ribbon: Ribbon) -> RibbonState:
             "own with `with_initial`",
             state=None if found is None else found.state,
         ) from error
-    return ribbon.adapted(found)
+    state = ribbon.adapted(found)
+    if not (ribbon.half_turns % 2 and (law.natural_curvature or law.natural_cross_curvature)):
+        return state
+    # One of its sides is hollow at rest: begin with the hollow side in.
+    other = _turned_over(state)
+    nothing = np.zeros(ribbon.constraints_count)
+    energies = [ribbon.evaluate(ribbon.adopt(s), nothing, 0).energy for s in (state, other)]
+    return other if energies[1] < energies[0] else state
+
+
+def _turned_over(state: RibbonState) -> RibbonState:
+    """Return the same shape with the sides of the strip exchanged: frames turn about their tangents.
+
+    The whole is turned so that the first frame stays where it is.
+    """
+    half_turn = np.array([0.0, 0.0, 0.0, 1.0])
+    frames = np.array(state.quaternions)
+    back = multiply(multiply(frames[0], conjugate(half_turn)), conjugate(frames[0]))
+    frames = multiply(back, multiply(frames, half_turn))
+    return replace(state, quaternions=frames, rulings=-state.rulings, folds=-state.folds)

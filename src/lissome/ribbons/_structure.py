@@ -16,7 +16,7 @@ from scipy.sparse.linalg import spsolve
 from .._validate import finite, finite_array, one_of
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning, NotConverged
-from ..factorization import ChainKKT, SparseKKT
+from ..factorization import ChainKKT
 from ..rods import Rod, RodState
 from ..rods import _kernel as rod_kernel
 from ..rods._corrector import fast_correction
@@ -35,15 +35,11 @@ SCHEMES = ("staggered", "nodal")
 JOINTS = ("matched", "free")
 
 
-#: Number of hinges from which the chain is factored by nested dissection: pivots that a longer chain
-#: delays pile up, and its cost is no longer linear.
-LONG = 600
-
 #: Number of segments up to which every band is looked at for having passed through itself.
 CHECKED = 600
 
 
-class _KnowsMoments:
+class _RibbonKKT(ChainKKT):
     """The KKT matrix of a ribbon, which knows how large moments are in a ribbon free of stress.
 
     Moments about d2 and d3 are multipliers. Where they vanish, rounding errors of the bending moment are
@@ -56,34 +52,7 @@ class _KnowsMoments:
         """Return the sizes of the terms that `apply` sums; if all of `dx` is positive, typical ones."""
         if dx.size and float(dx.min()) > 0.0:
             dmultipliers = np.maximum(np.abs(dmultipliers), self.least)
-        result: tuple[Array, Array] = super().magnitude(dx, dmultipliers)  # type: ignore[misc]
-        return result
-
-
-class _RibbonKKT(_KnowsMoments, ChainKKT):
-    """The bordered band."""
-
-
-class _LongKKT(_KnowsMoments, SparseKKT):
-    """The same matrix, for long chains."""
-
-
-def _sparse(band: Array, border: Array, corner: Array, chain: Any) -> _LongKKT:
-    """Return the matrix of a bordered band as a sparse one."""
-    length, width = band.shape
-    rows = np.arange(length)[:, None] + np.arange(width)
-    columns = np.broadcast_to(np.arange(length)[:, None], rows.shape)
-    kept = (rows < length) & ((band != 0.0) | (rows == columns))
-    at, far = np.nonzero(border)
-    low, left = np.nonzero(np.tril(corner))
-    entries = np.concatenate([band[kept], border[at, far], corner[low, left]])
-    i = np.concatenate([rows[kept], far + length, low + length])
-    j = np.concatenate([columns[kept], at, left + length])
-    total = length + corner.shape[0]
-    lower = sparse.coo_matrix((entries, (i, j)), shape=(total, total)).tocsr()
-    full = (lower + sparse.tril(lower, -1).T).tocsr()
-    unknowns, constraints = chain.unknowns, chain.constraints
-    return _LongKKT(full[unknowns][:, unknowns], full[constraints][:, unknowns])
+        return super().magnitude(dx, dmultipliers)
 
 
 @dataclass(frozen=True)
@@ -678,11 +647,7 @@ class Ribbon(BaseStructure):
         gradient = gradient[skeleton.chain.unknowns]
         if order == 1:
             return Evaluation(energy, constraints, gradient)
-        kkt: _RibbonKKT | _LongKKT
-        if n < LONG:
-            kkt = _RibbonKKT(band, border.T, corner, layout=skeleton.chain)
-        else:
-            kkt = _sparse(band, border, corner, skeleton.chain)
+        kkt = _RibbonKKT(band, border.T, corner, layout=skeleton.chain)
         bending = kappa[:, 0] / plan.span
         moment = layout.parameters[0] * max(math.sqrt(np.mean(bending**2)), 1.0 / self.length)
         kkt.least = np.zeros(constraints.size)
