@@ -42,6 +42,21 @@ class Reaction(NamedTuple):
     moment : ndarray, shape (3,)
         Moment about the node; zero where the frame is free. The dead moment of a hinged support is
         a load, and not in it.
+
+    Examples
+    --------
+    The clamp of a cantilever bears the opposite of the load and its moment:
+
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> from lissome import rods
+    >>> beam = rods.straight(length=1.0, segments=20, law=rods.Kirchhoff(1.0, 1.0)).clamped("start")
+    >>> state = ls.equilibrate(beam.loaded(end=(3.0, 0.0, 0.0)))
+    >>> force, moment = state.reactions("start")
+    >>> print(force.round(9) + 0.0)
+    [-3.  0.  0.]
+    >>> print(np.allclose(moment, -np.cross(state.positions[-1], [3.0, 0.0, 0.0])))
+    True
     """
 
     force: Array
@@ -72,6 +87,20 @@ class RodEquilibrium(Equilibrium):
         with the forces exactly. They differ from `moments` by the turn of half a hinge.
     forces : ndarray, shape (N, 3)
         Internal forces: what is beyond a segment exerts them on what is before.
+
+    Examples
+    --------
+    The force in a rod is constant between its loads, and a small one deflects a cantilever by a third
+    of itself:
+
+    >>> import lissome as ls
+    >>> from lissome import rods
+    >>> beam = rods.straight(length=1.0, segments=50, law=rods.Kirchhoff(1.0, 1.0)).clamped("start")
+    >>> state = ls.equilibrate(beam.loaded(end=(1e-3, 0.0, 0.0)))
+    >>> print(state.forces.shape, abs(state.forces - [1e-3, 0.0, 0.0]).max() < 1e-12)
+    (50, 3) True
+    >>> print(f"{state.positions[-1, 0] / 1e-3:.3f}")
+    0.333
     """
 
     structure: Rod
@@ -308,6 +337,11 @@ class RodEquilibrium(Equilibrium):
         Returns
         -------
         pandas.DataFrame
+
+        Raises
+        ------
+        InvalidInput
+            If `of` is none of these.
 
         Warns
         -----

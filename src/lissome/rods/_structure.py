@@ -60,6 +60,25 @@ class RodState:
     supports : array_like, shape (k, 4), optional
         Frames that were prescribed when the state was made, in the order of nodes. From them a rod
         tells by how much its clamps have turned.
+
+    Raises
+    ------
+    InvalidInput
+        If a shape is wrong, a quaternion has not unit length, or a stretch is not positive.
+
+    Examples
+    --------
+    Frames turn the third axis into the tangent: a quarter turn about the second one points along e1.
+
+    >>> import numpy as np
+    >>> from lissome import rods
+    >>> half = np.sqrt(0.5)
+    >>> corner = rods.RodState([[1.0, 0.0, 0.0, 0.0], [half, 0.0, half, 0.0]])
+    >>> rod = rods.straight(length=2.0, segments=2, law=rods.Kirchhoff(1.0, 1.0))
+    >>> print(rod.positions(corner).round(9) + 0.0)
+    [[0. 0. 0.]
+     [0. 0. 1.]
+     [1. 0. 1.]]
     """
 
     quaternions: Array
@@ -158,6 +177,22 @@ class Rod(BaseStructure):
     ------
     InvalidInput
         If an argument has a wrong shape or value.
+
+    Examples
+    --------
+    A column that is clamped at its foot gives way sideways above Euler's load :math:`\pi^2/4`:
+
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> from lissome import rods
+    >>> column = rods.straight(length=1.0, segments=40, law=rods.Kirchhoff((1.0, 4.0), 1.0))
+    >>> column = column.clamped("start")
+    >>> for load in (0.99, 1.02):
+    ...     pressed = column.loaded(end=(0.0, 0.0, -load * np.pi**2 / 4))
+    ...     tip = ls.equilibrate(pressed).positions[-1]
+    ...     print(np.hypot(tip[0], tip[1]) > 0.1, tip[2] < 0.999)
+    False False
+    True True
     """
 
     law: Any
@@ -344,6 +379,11 @@ class Rod(BaseStructure):
             The axis, in space. It is divided by its length.
         moment : float
             Dead moment about the axis: its potential is minus the moment times the angle.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no such node, or a value is not of the right kind.
         """
         node = self._node(where)
         place = self._position_at_rest(node) if position is None else as_position(position)
@@ -357,7 +397,7 @@ class Rod(BaseStructure):
         )  # fmt: skip
 
     def freed(self, where: str | int) -> Rod:
-        """Return this rod without the support of a node."""
+        """Return this rod without the support of the node `where`."""
         node = self._node(where)
         return self._with(supports=tuple(s for s in self.supports if s.node != node))
 
@@ -389,6 +429,11 @@ class Rod(BaseStructure):
         couples : mapping of "start", "end" or int to (force, arm), optional
             For segments: a force that acts at the end of an arm fixed to the segment (components
             along the directors), and the opposite force at its foot.
+
+        Raises
+        ------
+        InvalidInput
+            If a force has a wrong shape, or a node or segment does not exist.
         """
         count = self.lengths.size
         points, pairs = dict(self.loads.points), dict(self.loads.couples)
@@ -449,7 +494,7 @@ class Rod(BaseStructure):
     # ---- other changes -------------------------------------------------------------------------
 
     def with_law(self, law: Any) -> Rod:
-        """Return this rod of another material."""
+        """Return this rod of another material, `law`."""
         _check_law(law, self.lengths.size)
         if self.stretching is not None:
             _check_stretching(law, self.stretching)
@@ -458,7 +503,19 @@ class Rod(BaseStructure):
     def with_natural(
         self, *, curvature_1: Any = None, curvature_2: Any = None, twist: Any = None
     ) -> Rod:
-        """Return this rod with other natural strains: numbers, or one number for each node."""
+        """Return this rod with other natural strains.
+
+        Parameters
+        ----------
+        curvature_1, curvature_2, twist : float or array_like, shape (N + 1,), optional
+            Natural strain densities (1/length) about d1, d2 and d3, uniform or at the nodes. Those that
+            are left out stay as they are.
+
+        Raises
+        ------
+        InvalidInput
+            If an array does not hold one number for each node.
+        """
         natural = np.array(self.natural)
         for k, (name, value) in enumerate(
             (("curvature_1", curvature_1), ("curvature_2", curvature_2), ("twist", twist))
@@ -524,13 +581,18 @@ class Rod(BaseStructure):
         ----------
         lobes : int or None
             k, at least 2.
+
+        Raises
+        ------
+        InvalidInput
+            If `lobes` is not positive, or the rod is not closed.
         """
         if lobes is not None:
             lobes = integer_at_least("lobes", lobes, 2)
         return self._with(phase=lobes)
 
     def with_initial(self, state: RodState) -> Rod:
-        """Return this rod with another starting state. Supports stay where they are."""
+        """Return this rod with another starting `state`. Supports stay where they are."""
         return self._with(initial=_check_state("state", state, self.lengths.size))
 
     # ---- geometry ------------------------------------------------------------------------------
@@ -546,7 +608,7 @@ class Rod(BaseStructure):
         return _frozen(np.concatenate([[0.0], np.cumsum(self.lengths)]))
 
     def positions(self, state: RodState) -> Array:
-        """Return the positions of the nodes, shape (N + 1, 3)."""
+        """Return the positions of the nodes in `state`, shape (N + 1, 3)."""
         out = np.empty((self.lengths.size + 1, 3))
         _kernel.positions(
             np.array(state.quaternions), np.array(state.stretches), np.array(self.lengths), out
@@ -684,7 +746,7 @@ class Rod(BaseStructure):
         return _state(quaternions, origin, stretches, angles, now)
 
     def frames(self, state: RodState) -> Array:
-        """Return the frames of segments and supports, shape (K, 4)."""
+        """Return the frames of segments and supports in `state`, shape (K, 4): quaternions, scalar first."""
         layout = self.layout
         if not layout.fixed.shape[0]:
             return np.array(state.quaternions)
@@ -802,7 +864,7 @@ class Rod(BaseStructure):
     # ---- energy --------------------------------------------------------------------------------
 
     def strain_densities(self, state: RodState) -> Array:
-        """Return the strain densities of the hinges, shape (n, 3), natural strains included."""
+        """Return the strain densities of the hinges in `state`, shape (n, 3), natural strains included."""
         plan = self.layout.plan
         q, strain = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
         _kernel.hinge_rotations(self.frames(state), plan.left, plan.right, plan.twist, q, strain)
@@ -811,7 +873,13 @@ class Rod(BaseStructure):
         return strain / plan.span[:, None]
 
     def evaluate(self, state: RodState, multipliers: Array, order: int = 2) -> Evaluation:
-        """Return energy, constraints and derivatives up to `order`."""
+        """Return energy, constraints and derivatives up to `order`.
+
+        Raises
+        ------
+        InvalidInput
+            If `state` has another number of segments.
+        """
         layout = self.layout
         plan = layout.plan
         count, n, m = self.lengths.size, plan.left.size, plan.rows.shape[0]
@@ -890,12 +958,24 @@ class Rod(BaseStructure):
     def correct(self, state: RodState, multipliers: Array, tolerance: float) -> Corrected | None:
         """Return a nearby stationary point, by Newton's method with a shift and a short line search.
 
-        None if a few steps do not lead to one; :func:`lissome.equilibrate` then descends with care.
+        Parameters
+        ----------
+        state : RodState
+            Where to start.
+        multipliers : ndarray, shape (m,)
+            A guess of the forces of constraint.
+        tolerance : float
+            Size of the next correction, relative to its typical size, at which to stop.
+
+        Returns
+        -------
+        Corrected or None
+            None if a few steps do not lead to one; :func:`lissome.equilibrate` then descends with care.
         """
         return fast_correction(self, state, multipliers, tolerance)
 
     def present(self, equilibrium: Equilibrium) -> RodEquilibrium:
-        """Return the equilibrium with positions, forces and moments.
+        """Return `equilibrium` with positions, forces and moments, as a :class:`RodEquilibrium`.
 
         Warns
         -----
@@ -912,6 +992,13 @@ class Rod(BaseStructure):
 
         :func:`lissome.equilibrate` asks for this; a branch does not, whose states can be asked one by
         one (:meth:`RodEquilibrium.self_crossings`).
+
+        Parameters
+        ----------
+        equilibrium : RodEquilibrium
+            What was found.
+        stacklevel : int
+            Of the warning, as of ``warnings.warn``.
 
         Warns
         -----
@@ -931,7 +1018,7 @@ class Rod(BaseStructure):
             )
 
     def diagnose(self, state: RodState) -> str | None:
-        """Return the remedy if a hinge turns by more than 150 degrees, else None."""
+        """Return the remedy if a hinge of `state` turns by more than 150 degrees, else None."""
         plan = self.layout.plan
         q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
         _kernel.hinge_rotations(self.frames(state), plan.left, plan.right, plan.twist, q, kappa)

@@ -167,6 +167,13 @@ class CenterlineState:
     def from_vector(cls, x: ArrayLike, reference: ArrayLike) -> CenterlineState:
         """Return the state of a vector of unknowns (4.13), shape (4 N + 3,).
 
+        Parameters
+        ----------
+        x : array_like, shape (4 N + 3,)
+            The unknowns (4.13).
+        reference : array_like, shape (N, 4)
+            Reference frames: unit quaternions, scalar first.
+
         Raises
         ------
         InvalidInput
@@ -323,6 +330,20 @@ class StrainEnergy:
         First derivatives, in the order of ``CenterlineState.vector``.
     band : ndarray, shape (4 N + 3, 11), or None
         Second derivatives: ``band[j, k]`` is the entry in row j + k, column j. Beyond it all is zero.
+
+    Examples
+    --------
+    Each of the two inner hinges of a straight rod of three segments bends in two ways and twists; all
+    other motions of the 15 unknowns cost nothing:
+
+    >>> import numpy as np
+    >>> from lissome.rods import Kirchhoff
+    >>> from lissome.rods.centerline import CenterlineState, strain_energy
+    >>> nodes = [[0.0, 0.0, float(i)] for i in range(4)]
+    >>> state = CenterlineState(nodes, np.zeros(3), [[1.0, 0.0, 0.0, 0.0]] * 3)
+    >>> energy = strain_energy(state, Kirchhoff(1.0, 1.0), np.ones(3))
+    >>> print(energy.value, np.count_nonzero(np.linalg.eigvalsh(energy.hessian()) > 1e-9))
+    0.0 6
     """
 
     value: float
@@ -330,7 +351,13 @@ class StrainEnergy:
     band: Array | None = None
 
     def hessian(self) -> Array:
-        """Return the second derivatives as a dense matrix, shape (4 N + 3, 4 N + 3)."""
+        """Return the second derivatives as a dense matrix, shape (4 N + 3, 4 N + 3).
+
+        Raises
+        ------
+        InvalidInput
+            If the energy was evaluated to first order only.
+        """
         if self.band is None:
             raise InvalidInput("this energy was evaluated to first order; pass `order=2`")
         return dense_from_band(self.band)

@@ -111,7 +111,13 @@ class CenterlineTwist(BaseStructure):
 
     @cached_property
     def places(self) -> _Places:
-        """Where everything is."""
+        """Where everything is.
+
+        Raises
+        ------
+        InvalidInput
+            If the supports leave nothing free.
+        """
         rod = self.rod
         n = rod.lengths.size
         layout = rod.layout
@@ -180,12 +186,12 @@ class CenterlineTwist(BaseStructure):
         return self.from_rod(self.rod.start())
 
     def from_rod(self, state: RodState) -> CenterlineState:
-        """Return the state of nodes and twists of a state of the rod; its frames are the reference."""
+        """Return the state of nodes and twists of `state`, one of the rod; its frames are the reference."""
         nodes = self.rod.positions(state)
         return self._imposed(CenterlineState.from_frames(nodes, state.quaternions))
 
     def to_rod(self, state: CenterlineState) -> RodState:
-        """Return the state of the rod with the same frames.
+        """Return the state of the rod with the same frames as `state`.
 
         Its nodes follow by summation: they are the same as far as the segments of an inextensible rod
         have kept their lengths.
@@ -220,6 +226,11 @@ class CenterlineTwist(BaseStructure):
         Nodes that are not prescribed stay where they are: the solver restores the lengths of segments
         next to a support that has moved. A state of the rod is first adopted by the rod, which also turns
         the rod between clamps that have turned.
+
+        Raises
+        ------
+        InvalidInput
+            If `state` is of another kind, or of another number of segments.
         """
         if isinstance(state, RodState):
             return self.from_rod(self.rod.adopt(state))
@@ -381,6 +392,13 @@ class CenterlineTwist(BaseStructure):
 
         This is the matrix against which the speed of the library is measured: unknowns and multipliers
         interleaved along the rod.
+
+        Parameters
+        ----------
+        state : CenterlineState
+            Where.
+        multipliers : ndarray, shape (m,)
+            The multipliers there.
 
         Returns
         -------

@@ -56,7 +56,29 @@ ROD_STRAINS: tuple[str, ...] = ("curvature_1", "curvature_2", "twist")
 
 @runtime_checkable
 class Law(Protocol):
-    """What a rod asks of a law. See the module's description."""
+    """What a rod asks of a law. See the module's description.
+
+    Examples
+    --------
+    Any object with these members is a law. Here is one whose bending stiffens with curvature:
+
+    >>> import numpy as np
+    >>> from lissome import rods
+    >>> class Stiffening:
+    ...     strains = ("curvature_1", "curvature_2", "twist")
+    ...     count = None
+    ...     def at(self, rows):
+    ...         return self
+    ...     def evaluate(self, k, order=2):
+    ...         k = np.asarray(k, dtype=float)
+    ...         size = np.sum(k**2, axis=1)
+    ...         energy, stress = size / 2 + size**2 / 4, k * (1 + size[:, None])
+    ...         stiffness = np.eye(3) * (1 + size)[:, None, None] + 2 * k[:, :, None] * k[:, None, :]
+    ...         return energy, stress if order > 0 else None, stiffness if order > 1 else None
+    >>> rods.check_law(Stiffening())
+    >>> isinstance(Stiffening(), rods.Law)
+    True
+    """
 
     @property
     def strains(self) -> tuple[str, ...]:
@@ -69,11 +91,25 @@ class Law(Protocol):
         ...
 
     def at(self, rows: ArrayLike) -> Law:
-        """Return the law of some rows: an integer array of any length."""
+        """Return the law of some rows: `rows` is an integer array of any length."""
         ...
 
     def evaluate(self, k: Array, order: int = 2) -> LawValues:
-        """Return energy, stress and stiffness per unit length at the strain densities k."""
+        """Return energy, stress and stiffness per unit length.
+
+        Parameters
+        ----------
+        k : ndarray, shape (n, number of strains)
+            Strain densities (1/length), natural strains subtracted.
+        order : {0, 1, 2}
+            Highest derivative that is wanted.
+
+        Returns
+        -------
+        energy : ndarray, shape (n,)
+        stress : ndarray, shape (n, number of strains), or None
+        stiffness : ndarray, shape (n, number of strains, number of strains), or None
+        """
         ...
 
 
@@ -164,6 +200,18 @@ class CompiledLaw:
 
     A subclass sets ``kernel`` and, in its ``__post_init__``, ``parameters``. Those of its fields
     that are vectors vary along the rod.
+
+    Examples
+    --------
+    A rod that is ten times stiffer at one end. Each row of the law is that of a node:
+
+    >>> import numpy as np
+    >>> from lissome.rods import Kirchhoff
+    >>> law = Kirchhoff((np.linspace(1.0, 10.0, 4), 1.0), 1.0)
+    >>> print(law.count, law.at([0, 3]).energy([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
+    4 [0.5 5. ]
+    >>> print(law.at([0]).is_elliptic([[1.0, 0.0, 0.0]]))
+    [ True]
     """
 
     strains: ClassVar[tuple[str, ...]] = ROD_STRAINS
@@ -232,12 +280,28 @@ class CompiledLaw:
     def evaluate_into(
         self, k: Array, energy: Array, stress: Array, stiffness: Array, order: int = 2
     ) -> None:
-        """Write energy, stress and stiffness into arrays; nothing is checked."""
+        """Write energy, stress and stiffness into arrays; nothing is checked.
+
+        Parameters
+        ----------
+        k : ndarray, shape (n, 3)
+            Strain densities (1/length), natural strains subtracted; C-contiguous, like all others.
+        energy, stress, stiffness : ndarray, shapes (n,), (n, 3) and (n, 3, 3)
+            Written to.
+        order : {0, 1, 2}
+            Highest derivative that is wanted; the others are left as they are.
+        """
         self.kernel(self.parameters, k, energy, stress, stiffness, order)
 
     @staticmethod
     def stiffness_pair(bending: Any) -> tuple[float | Array, float | Array]:
-        """Return two checked stiffnesses from (B1, B2), or from one number for both."""
+        """Return two checked stiffnesses from `bending`: (B1, B2), or one number for both.
+
+        Raises
+        ------
+        InvalidInput
+            If a stiffness is not positive.
+        """
         pair = (bending, bending) if _is_number(bending) else bending
         try:
             first, second = pair
@@ -257,7 +321,7 @@ class CompiledLaw:
         return [float(x) for x in self.parameters[0]]
 
     def energy(self, k: Array) -> Array:
-        """Return the energy per unit length, shape (n,)."""
+        """Return the energy per unit length, shape (n,), of strain densities `k`, shape (n, 3)."""
         return self.evaluate(k, 0)[0]
 
     def is_elliptic(self, k: Array) -> NDArray[np.bool_]:

@@ -31,6 +31,16 @@ class Loads:
     couples : mapping of int to (ndarray (3,), ndarray (3,))
         For segments: a force and an arm (components along the directors). The force acts at the end
         of the arm and its opposite at the foot, so that the couple has the potential - force . arm.
+
+    Examples
+    --------
+    A weight of 2 per length on a rod of unit length: each node bears half of its two segments.
+
+    >>> import numpy as np
+    >>> from lissome.rods import Loads
+    >>> weight = Loads(distributed=(0.0, 0.0, -2.0))
+    >>> print(weight.forces(np.full(4, 0.25), closed=False)[:, 2])
+    [-0.25 -0.5  -0.5  -0.5  -0.25]
     """
 
     points: Mapping[int, Array] = field(default_factory=dict)
@@ -53,6 +63,18 @@ class Loads:
         """Return the forces on the nodes, shape (N + 1, 3); those of node N are 0 if closed.
 
         A distributed force is lumped: each node takes half of the adjacent segments.
+
+        Parameters
+        ----------
+        lengths : ndarray, shape (N,)
+            Rest lengths of the segments.
+        closed : bool
+            Whether the last node is the first.
+
+        Raises
+        ------
+        InvalidInput
+            If the function `distributed` returns another shape than one force for each node.
         """
         count = lengths.size
         out = np.zeros((count + 1, 3))

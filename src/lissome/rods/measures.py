@@ -346,6 +346,16 @@ def rotation_from_strain(strain: ArrayLike, measure: str = "sine") -> Array:
     ------
     InvalidInput
         If the strain belongs to a rotation of half a turn or more.
+
+    Examples
+    --------
+    The default measure is twice the vector part of the quaternion: a unit twist is a turn by 60 degrees.
+
+    >>> import numpy as np
+    >>> from lissome.rods.measures import rotation_from_strain, strain_from_rotation
+    >>> quaternion = rotation_from_strain([[0.0, 0.0, 1.0]])
+    >>> print(np.degrees(2 * np.arccos(quaternion[0, 0])).round(9), strain_from_rotation(quaternion))
+    60.0 [[0. 0. 1.]]
     """
     code = CODES[one_of("measure", measure, MEASURES)]
     w: Array = finite_array("strain", strain, (None, 3))

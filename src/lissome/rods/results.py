@@ -89,6 +89,16 @@ class Crossings:
         Least distances between the two.
     fractions : ndarray, shape (m, 2)
         Where on each segment, from 0 at its first node to 1.
+
+    Examples
+    --------
+    Two strokes of a zigzag in space that pass each other at their middles, a tenth apart:
+
+    >>> from lissome.rods.results import self_crossings
+    >>> nodes = [[-1, 0, 0], [1, 0, 0], [1, 3, 0], [0, 3, 0.1], [0, -3, 0.1]]
+    >>> found = self_crossings(nodes, distance=0.2)
+    >>> print(found.segments, found.distances, found.fractions)
+    [[0 3]] [0.1] [[0.5 0.5]]
     """
 
     segments: NDArray[np.int64]
@@ -269,10 +279,30 @@ def warn_of_self_crossings(
     stacklevel : int
         Of the warning, as of ``warnings.warn``.
 
+    Returns
+    -------
+    Crossings
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is wrong.
+
     Warns
     -----
     LissomeWarning
         If parts of the rod cross.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from lissome.rods.results import warn_of_self_crossings
+    >>> nodes = [[-1, 0, 0], [1, 0, 0], [1, 3, 0], [0, 3, 0.1], [0, -3, 0.1]]
+    >>> with warnings.catch_warnings(record=True) as told:
+    ...     warnings.simplefilter("always")
+    ...     found = warn_of_self_crossings(nodes, distance=0.2)
+    >>> [warning.category.__name__ for warning in told]
+    ['LissomeWarning']
     """
     found = self_crossings(nodes, distance, closed=closed)
     if found:
@@ -311,6 +341,16 @@ def total_twist(rotations: ArrayLike) -> float:
     ------
     InvalidInput
         If the shape is wrong.
+
+    Examples
+    --------
+    Four quarter turns about the tangent, and a bend that does not count:
+
+    >>> import numpy as np
+    >>> from lissome.rods.results import total_twist
+    >>> half = np.sqrt(0.5)
+    >>> print(round(total_twist([[half, 0, 0, half]] * 4 + [[half, half, 0, 0]]), 12))
+    1.0
     """
     q = finite_array("rotations", rotations, (None, 4))
     sign = np.where(q[:, 0] < 0.0, -1.0, 1.0)
@@ -493,6 +533,19 @@ def node_values(
     -------
     ndarray, shape (count, ...)
         Not a number where a node has no hinge.
+
+    Raises
+    ------
+    InvalidInput
+        If shapes do not fit, or there is no such node.
+
+    Examples
+    --------
+    Node 1 has two hinges, of which one is three times as long; node 0 has none:
+
+    >>> from lissome.rods.results import node_values
+    >>> node_values([0.0, 4.0], [1, 1], [0.1, 0.3], count=2)
+    array([nan,  3.])
     """
     array = np.asarray(values, dtype=float)
     where = finite_array("hinge_nodes", hinge_nodes, (array.shape[0],), dtype=np.int64)
@@ -557,6 +610,14 @@ def node_table(
     ------
     InvalidInput
         If shapes do not fit.
+
+    Examples
+    --------
+    >>> from lissome.rods.results import node_table
+    >>> node_table([0.0, 1.0], [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+         s    x    y    z
+    0  0.0  0.0  0.0  0.0
+    1  1.0  0.0  0.0  1.0
     """
     return _columns(
         arclength=(arclength, ("s",)),
@@ -569,7 +630,36 @@ def node_table(
 def hinge_table(
     nodes: ArrayLike, arclength: ArrayLike, *, strains: Any = None, moments: Any = None
 ) -> pd.DataFrame:
-    """Return a table with a row for each hinge: columns node, s, and those of :func:`node_table`."""
+    """Return a table with a row for each hinge.
+
+    Parameters
+    ----------
+    nodes : array_like of int, shape (n,)
+        Nodes of the hinges: column node.
+    arclength : array_like, shape (n,)
+        Their rest arc lengths: column s.
+    strains : array_like, shape (n, 3), optional
+        Columns curvature_1, curvature_2, twist.
+    moments : array_like, shape (n, 3), optional
+        Columns moment_1, moment_2, moment_3, along the directors.
+
+    Returns
+    -------
+    pandas.DataFrame
+
+    Raises
+    ------
+    InvalidInput
+        If shapes do not fit.
+
+    Examples
+    --------
+    >>> from lissome.rods.results import hinge_table
+    >>> hinge_table([1, 2], [0.5, 1.0], strains=[[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]])
+       node    s  curvature_1  curvature_2  twist
+    0     1  0.5          0.0          0.0    1.0
+    1     2  1.0          0.0          0.0    2.0
+    """
     return _columns(
         nodes=(nodes, ("node",)),
         arclength=(arclength, ("s",)),
@@ -597,6 +687,19 @@ def segment_table(
     Returns
     -------
     pandas.DataFrame
+
+    Raises
+    ------
+    InvalidInput
+        If shapes do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.rods.results import segment_table
+    >>> table = segment_table([0.5], np.eye(3)[None], forces=[[0.0, 0.0, -1.0]])
+    >>> print(table.loc[0, ["s", "d1x", "d3z", "force_z"]].tolist())
+    [0.5, 1.0, 1.0, -1.0]
     """
     names = tuple(f"d{i}{c}" for i in (1, 2, 3) for c in "xyz")
     return _columns(
@@ -642,6 +745,19 @@ def write_vtk(
     ------
     InvalidInput
         If shapes do not fit, or the name of the file says another format.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import meshio
+    >>> import numpy as np
+    >>> from lissome.rods.results import write_vtk
+    >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 2.0]]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = write_vtk(pathlib.Path(folder) / "rod.vtu", nodes, [np.eye(3)] * 2)
+    ...     rod = meshio.read(file)
+    >>> print(rod.points[-1], rod.cells_dict["line"].tolist())
+    [0. 0. 2.] [[0, 1], [1, 2]]
     """
     import meshio
 

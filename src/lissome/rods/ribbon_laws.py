@@ -565,6 +565,11 @@ def ribbon_phi(v: ArrayLike) -> Array:
     -------
     ndarray
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is not finite.
+
     Examples
     --------
     >>> from lissome.rods.ribbon_laws import ribbon_phi

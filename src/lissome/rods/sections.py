@@ -23,7 +23,23 @@ _LARGEST_EXPONENT = 40.0
 
 @runtime_checkable
 class Section(Protocol):
-    """What :meth:`~lissome.rods.Kirchhoff.from_section` asks of a cross-section."""
+    """What :meth:`~lissome.rods.Kirchhoff.from_section` asks of a cross-section.
+
+    Examples
+    --------
+    Any object with these properties is a section, such as a tube. Round sections bend and twist in the
+    ratio :math:`1 + \nu`:
+
+    >>> import numpy as np
+    >>> from lissome.rods import Kirchhoff
+    >>> class Tube:
+    ...     area = np.pi * (1.0**2 - 0.9**2)
+    ...     second_moments = (np.pi / 4 * (1.0**4 - 0.9**4),) * 2
+    ...     torsion_constant = np.pi / 2 * (1.0**4 - 0.9**4)
+    >>> law = Kirchhoff.from_section(Tube(), young_modulus=1.0, poisson_ratio=0.3)
+    >>> print(f"{law.bending[0] / law.twisting:.6f}")
+    1.300000
+    """
 
     @property
     def area(self) -> float:

@@ -272,6 +272,11 @@ def arc(
     -------
     Rod
 
+    Raises
+    ------
+    InvalidInput
+        If an argument has a wrong shape or value.
+
     Examples
     --------
     >>> import numpy as np
@@ -320,6 +325,11 @@ def helix(
     Returns
     -------
     Rod
+
+    Raises
+    ------
+    InvalidInput
+        If an argument has a wrong shape or value.
 
     Examples
     --------

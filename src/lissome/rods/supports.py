@@ -33,6 +33,8 @@ class Support:
     node : int
         Number of the node.
     kind : {"clamped", "pinned", "hinged"}
+        Whether position and frame are prescribed, the position only, or the frame but for its angle
+        about an axis.
     position : tuple of three float or None
         Prescribed components of the position; None where it is free.
     frame : ndarray (4,) or None
@@ -44,6 +46,16 @@ class Support:
         Spatial unit vector that a hinged frame turns about.
     moment : float
         Dead moment about the axis.
+
+    Examples
+    --------
+    A rod whose far end may slide along the third axis:
+
+    >>> from lissome import rods
+    >>> rod = rods.straight(length=1.0, segments=10, law=rods.Kirchhoff(1.0, 1.0))
+    >>> rod = rod.clamped("start").pinned("end", position=(0.0, 0.0, None))
+    >>> [(support.node, support.kind, support.position) for support in rod.supports]
+    [(0, 'clamped', (0.0, 0.0, 0.0)), (10, 'pinned', (0.0, 0.0, None))]
     """
 
     node: int

@@ -169,11 +169,11 @@ class FunctionLaw:
         return values
 
     def energy(self, k: Array) -> Array:
-        """Return the energy per unit length, shape (n,)."""
+        """Return the energy per unit length, shape (n,), of strain densities `k`, shape (n, 3)."""
         return self.evaluate(k, 0)[0]
 
     def is_elliptic(self, k: Array) -> NDArray[np.bool_]:
-        """Return where the stiffness is positive definite, shape (n,)."""
+        """Return where the stiffness at the strain densities `k` is positive definite, shape (n,)."""
         stiffness = self.evaluate(k, 2)[2]
         assert stiffness is not None
         return np.asarray(np.linalg.eigvalsh(stiffness)[:, 0] > 0.0)
