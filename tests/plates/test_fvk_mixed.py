@@ -7,7 +7,7 @@ import skfem
 import lissome as ls
 from lissome.errors import InvalidInput
 from lissome.plates import meshes
-from lissome.plates.fvk import MixedPlate, PlateState, projected_bending
+from lissome.plates.fvk import MixedPlate, Plate, PlateState, projected_bending
 from lissome.references.plate import AxisymmetricDisc
 
 DOME = AxisymmetricDisc(bending=1e-4, poisson=0.5, radius=0.5, strain=(0.01, -0.02))
@@ -164,3 +164,94 @@ def test_bad_input_is_refused(name, value, words):
 
 def test_literal_form_takes_any_positive_penalty():
     assert dome(2, form="literal", penalty=1e6)[0].penalty == 1e6
+
+
+def loaded(scheme, mesh, **changes):
+    """A square under loads in and across its plane, nothing uniform, in a state with large slopes."""
+    return scheme(
+        mesh=mesh, bending=lambda x, y: 1e-3 * (1.5 + x), poisson=0.3,
+        stretching=lambda x, y: 1 + 0.5 * y, strain=[[0.02, 0.01], [0.01, -0.03]],
+        curvature=[[0.1, 0.05], [0.05, -0.2]], pressure=lambda x, y: 2e-3 * (1 + x),
+        body_force=lambda x, y: 0.02 * np.stack([1 + 0 * x, x]),
+        traction={"top": (0.003, 0.01), "right": lambda x, y: 0.01 * np.stack([y, 0 * y])},
+        edges={"left": "clamped", "bottom": "simply supported"}, **changes,
+    )  # fmt: skip
+
+
+def test_both_schemes_agree_under_refinement():
+    """Deflections, displacements, moments, membrane forces and energies, with loads in the plane."""
+    at = np.random.default_rng(7).uniform(-0.48, 0.48, (40, 2))
+
+    def facts(scheme, divisions, **more):
+        plate = loaded(scheme, meshes.rectangle(divisions=divisions, grading=1.0), **more)
+        found = ls.equilibrate(plate)
+        assert sum(plate.energies(found.state)) == pytest.approx(found.energy, rel=1e-11)
+        return {
+            "deflection": plate.deflection_at(at, found.state),
+            "displacement": plate.displacement_at(at, found.state),
+            "forces": plate.membrane_forces_at(at, found.state),
+            "moments": plate.moments_at(at, found.state),
+            "curvature": plate.curvature_at(at, found.state),
+            "energies": np.array([found.stretching_energy, found.bending_energy, found.energy]),
+        }
+
+    exact = facts(Plate, 5, degree=3)
+    gaps = []
+    for divisions in (2, 6):
+        mixed = facts(MixedPlate, divisions, orders=(2, 2))
+        gaps.append([
+            np.linalg.norm(mixed[name] - exact[name]) / np.linalg.norm(exact[name]) for name in exact
+        ])  # fmt: skip
+    coarse, fine = np.array(gaps)
+    # Curvatures are one order behind the deflection, and singular at the corners of the supports.
+    assert np.all(fine[[0, 1, 5]] < 5e-3)
+    assert np.all(fine[2:5] < 0.1)
+    assert np.all(np.log(coarse / fine) / np.log(3) > 0.75)
+    assert np.all(np.log(coarse / fine)[[0, 1, 2, 5]] / np.log(3) > 1.75)
+
+
+@pytest.mark.parametrize("orders", [(2, 1), (2, 2)])
+def test_even_tension_stretches_evenly(orders):
+    """The patch test of loads on free edges: T/C along, -nu T/C across; a tilt is about the pull."""
+    mesh = meshes.rectangle(2.0, 1.0, 2, center=(0.3, 0.1))
+    plate = MixedPlate(
+        mesh=mesh, bending=1e-2, poisson=0.3, stretching=2.0, orders=orders,
+        traction={"left": (-1e-3, 0.0), "right": (1e-3, 0.0)},
+    )  # fmt: skip
+    found = ls.equilibrate(plate)
+    forces = plate.membrane_forces(found.state)
+    assert forces == pytest.approx(np.broadcast_to(np.diag([1e-3, 0.0]), forces.shape), abs=1e-12)
+    u = found.displacement
+    gap, place = u - u[0], (mesh.p - mesh.p[:, :1]).T
+    slope = np.linalg.lstsq(place, gap, rcond=None)[0]
+    assert 0.5 * (slope + slope.T) == pytest.approx(np.diag([5e-4, -1.5e-4]), abs=1e-12)
+
+
+def test_shapes_and_forces_have_the_same_names():
+    """What the public methods of one scheme are called, those of the other are."""
+    public = [
+        {name for name in dir(scheme) if not name.startswith("_")} for scheme in (Plate, MixedPlate)
+    ]
+    own = {"degree", "penalty", "form", "orders", "slope_scale"}
+    assert public[0] - own == public[1] - own
+
+
+def test_mirrored_and_surface_of_the_mixed_scheme():
+    plate, start = dome(2)
+    found = ls.equilibrate(plate, start)
+    turned = plate.evaluate(plate.mirrored(found.state), np.zeros(plate.constraints_count), 0)
+    assert turned.energy == pytest.approx(found.energy, rel=1e-12)
+    points, triangles = plate.surface(found.state, 3)
+    assert triangles.shape == (9 * plate.mesh.t.shape[1], 3)
+    height = plate.deflection_at([0.0, 0.0], found.state)
+    at = np.argmin(np.hypot(*(points[:, :2] - found.displacement[0]).T))
+    assert points[at, 2] == pytest.approx(height, abs=1e-12)
+
+
+def test_the_force_of_a_curvature_is_the_change_of_the_gradient():
+    plate, start = dome(2)
+    natural = [[0.1, 0.02], [0.02, -0.3]]
+    none = np.zeros(plate.constraints_count)
+    bent = plate.with_(curvature=natural)
+    change = bent.evaluate(start, none, 1).gradient - plate.evaluate(start, none, 1).gradient
+    assert plate.force_of(natural) == pytest.approx(-change, abs=1e-15)

@@ -14,8 +14,9 @@ w enters linearly, and they stay at rest (the robust form).
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,21 +24,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
 
-from .._validate import one_of, positive
+from .._validate import finite, one_of, positive
 from ..errors import InvalidInput
 from ..factorization import SparseKKT
 from ..structure import Evaluation
-from ._fvk_fields import scalar_field, tensor_field
-from ._fvk_space import (
-    Geometry,
+from ._fvk_fields import scalar_field, tensor_field, vector_field
+from ._fvk_space import Geometry, nodes_on, number_nodes, scatter, sparse_pattern
+from ._fvk_state import PlateState, PlateUnknowns, check_moduli, fitted
+from ._fvk_supports import (
+    HeldValues,
+    Hold,
+    edge_frames,
+    edge_load,
     edge_senses,
-    nodes_on,
-    number_nodes,
-    select_edges,
-    sparse_pattern,
+    facet_sides,
+    read_edges,
+    read_points,
 )
-from ._fvk_state import PlateState, PlateUnknowns, check_moduli
-from ._fvk_tables import lagrange, triangle_rule
+from ._fvk_tables import lagrange, segment_basis, triangle_rule
 
 __all__ = ["MixedPlate", "projected_bending"]
 
@@ -51,7 +55,7 @@ WORKING_PENALTY = (1e-1, 1e3)
 class _MixedSpace:
     """Unknowns of the mixed scheme: (u_x, u_y, w, xi_x, xi_y), and as many multipliers as xi."""
 
-    def __init__(self, mesh: Any, orders: Any, edges: Any) -> None:
+    def __init__(self, mesh: Any, orders: Any, edges: Any, points: Any = None) -> None:
         try:
             first, second = (int(order) for order in orders)
         except (TypeError, ValueError):
@@ -63,31 +67,12 @@ class _MixedSpace:
             )
         self.mesh, self.orders = mesh, (first, second)
         self.geometry = Geometry(mesh)
-        edge_senses(mesh)
+        self.backward = edge_senses(mesh)
         self.outer, self.inner = lagrange(first), lagrange(second)
         self.outer_nodes, self.outer_local = number_nodes(mesh, first)
         self.inner_nodes, self.inner_local = number_nodes(mesh, second)
         n, k = self.outer_nodes, self.inner_nodes
         self.size = 2 * n + 3 * k
-        facets = select_edges(mesh, edges)
-        if len(np.setdiff1d(facets["slope"], facets["deflection"])):
-            raise InvalidInput(
-                "argument `edges` holds a slope but not the deflection; the mixed scheme holds both "
-                "or none"
-            )
-        fixed = np.zeros(self.size, dtype=bool)
-        held = {what: nodes_on(mesh, first if what == "displacement" else second, chosen)
-                for what, chosen in facets.items()}  # fmt: skip
-        fixed[held["displacement"]] = fixed[n + held["displacement"]] = True
-        fixed[2 * n + held["deflection"]] = True
-        slopes = held["slope"]
-        fixed[2 * n + k + slopes] = fixed[2 * n + 2 * k + slopes] = True
-        self.fixed = fixed
-        self.free: Index = np.flatnonzero(~fixed)
-        # Where xi is held it needs no multiplier.
-        loose = np.ones(k, dtype=bool)
-        loose[slopes] = False
-        self.loose: Index = np.flatnonzero(np.concatenate([loose, loose]))
         positions = np.empty((n, 2))
         positions[self.outer_local] = self.geometry.positions(self.outer.nodes)
         self.positions = positions
@@ -95,13 +80,91 @@ class _MixedSpace:
         inner[self.inner_local] = self.geometry.positions(self.inner.nodes)
         self.inner_positions = inner
         self.extent = float(np.max(np.ptp(positions, axis=0)))
+        self._hold(edges, points)
 
+    def _hold(self, edges: Any, points: Any) -> None:
+        """Set what the supports hold."""
+        n, k = self.outer_nodes, self.inner_nodes
+        first, second = self.orders
+        held = HeldValues(self.size)
+        on_edges, prescribed = read_edges(self.mesh, edges)
+        at_points, too = read_points(self.mesh, points)
+        planes = {"displacement_x": 0, "displacement_y": n}
+        slopes = []
+        for hold in on_edges:
+            if hold.what in planes:
+                nodes = nodes_on(self.mesh, first, hold.place)
+                place = self.positions[nodes]
+                held.put(planes[hold.what] + nodes, hold.value(place), hold, place)
+            elif hold.what == "deflection":
+                nodes = nodes_on(self.mesh, second, hold.place)
+                place = self.inner_positions[nodes]
+                held.put(2 * n + nodes, hold.value(place), hold, place)
+            else:
+                slopes.append(hold)
+        for hold in at_points:
+            place = self.positions[hold.place]
+            where = planes.get(hold.what, 2 * n) + hold.place
+            held.put(where, hold.value(place), hold, place)
+        if slopes:
+            nodes, xi = self._held_slopes(slopes, held.values[2 * n : 2 * n + k])
+            for axis in range(2):
+                held.put(2 * n + (1 + axis) * k + nodes, xi[:, axis], slopes[0])
+        self.fixed, self.values = held.result()
+        self.prescribed: bool = prescribed or too
+        self.free: Index = np.flatnonzero(~self.fixed)
+        # Where xi is held it needs no multiplier.
+        self.loose: Index = np.flatnonzero(~self.fixed[2 * n + k :])
 
-def _scatter(rows: Index, columns: Index, local: Array, shape: tuple[int, int]) -> Any:
-    """Assemble local matrices (T, a, b) into a sparse matrix."""
-    a = np.broadcast_to(rows[:, :, None], local.shape)
-    b = np.broadcast_to(columns[:, None, :], local.shape)
-    return sparse.coo_matrix((local.ravel(), (a.ravel(), b.ravel())), shape=shape).tocsr()
+    def _held_slopes(self, holds: list[Hold], deflection: Array) -> tuple[Index, Array]:
+        """Return the nodes of edges that hold slopes, and xi there: normal and tangential parts.
+
+        The tangential part is that of the deflection. Where edges meet, and where the deflection has a
+        kink, xi fits all of them best.
+        """
+        k, order = self.inner_nodes, self.orders[1]
+        t = np.arange(order + 1) / order
+        along = segment_basis(order, t)
+        matrix, right = np.zeros((k, 2, 2)), np.zeros((k, 2))
+        for hold in holds:
+            for facet, triangle, edge in zip(
+                hold.place, *facet_sides(self.mesh, hold.place), strict=True
+            ):
+                backward = bool(self.backward[triangle, edge])
+                _, place, tangent = edge_frames(self.geometry, triangle, int(edge), t, backward)
+                nodes = np.empty(order + 1, dtype=np.int64)
+                nodes[[0, -1]] = self.mesh.facets[:, facet]
+                nodes[1:-1] = self.mesh.nvertices + (order - 1) * facet + np.arange(order - 1)
+                if np.any(np.isnan(deflection[nodes])):
+                    raise InvalidInput(
+                        f"argument `{hold.label}` holds a slope but not the deflection; the mixed "
+                        "scheme holds both or none"
+                    )
+                length = np.linalg.norm(tangent, axis=1)
+                normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+                normal *= (self._outward(triangle, int(edge), backward) / length)[:, None]
+                value = hold.value(place)
+                if hold.what == "gradient":
+                    value = np.sum(value * normal, axis=1)
+                run = along @ deflection[nodes] / length
+                unit = tangent / length[:, None]
+                for row, number in ((normal, value), (unit, run)):
+                    matrix[nodes] += row[:, :, None] * row[:, None, :]
+                    right[nodes] += row * number[:, None]
+        found = np.flatnonzero(matrix[:, 0, 0] + matrix[:, 1, 1] > 0)
+        xi = np.linalg.solve(matrix[found], right[found][..., None])[..., 0]
+        return np.asarray(found, dtype=np.int64), np.asarray(xi, dtype=float)
+
+    def _outward(self, triangle: int, edge: int, backward: bool) -> Array:
+        """+1 where the tangent of an edge, turned by -90 degrees, points outward, else -1."""
+        sense = (-1.0 if backward else 1.0) * (1.0, 1.0, -1.0)[edge]
+        return np.full(self.orders[1] + 1, sense * self.geometry.sign[triangle])
+
+    def with_supports(self, edges: Any, points: Any) -> _MixedSpace:
+        """Return the same space with other supports."""
+        other = copy.copy(self)
+        other._hold(edges, points)
+        return other
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,7 +174,11 @@ class MixedPlate(PlateUnknowns):
     Parameters
     ----------
     mesh, bending, poisson, stretching, strain, curvature, pressure, edges
-        As for :class:`~lissome.plates.fvk.Plate`. A slope is held only together with the deflection.
+        As for :class:`~lissome.plates.fvk.Plate`. A slope is held only together with the deflection;
+        both components of :math:`\xi` are then held, at the normal slope and at the derivative of the
+        deflection along the edge.
+    body_force, traction, points, support_scale
+        As for :class:`~lissome.plates.fvk.Plate`.
     penalty : float
         :math:`\mu L^2/B`, with the extent L of the mesh and the largest B. The robust form works from
         0.1 to 1000: below, the projected slopes leave deflections unheld, and above, the elements lock.
@@ -144,15 +211,21 @@ class MixedPlate(PlateUnknowns):
     penalty: float = 10.0
     form: str = "robust"
     orders: tuple[int, int] = (2, 1)
+    body_force: Any = None
+    traction: Any = None
+    points: Any = None
+    support_scale: float = 1.0
     _shared: dict[str, Any] = field(default_factory=dict, repr=False)
     _strain: Array = field(init=False, repr=False)
     _force: Array = field(init=False, repr=False)
+    _load: Array = field(init=False, repr=False)
     _own: float = field(init=False, repr=False)
     _slope: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         one_of("form", self.form, ("robust", "literal"))
         positive("penalty", self.penalty)
+        finite("support_scale", self.support_scale)
         low, high = WORKING_PENALTY
         if self.form == "robust" and not low <= self.penalty <= high:
             why = (
@@ -168,42 +241,60 @@ class MixedPlate(PlateUnknowns):
         natural = tensor_field("curvature", self.curvature)(m["x"])
         strain = tensor_field("strain", self.strain)(m["x"])
         pressure = scalar_field("pressure", self.pressure)(m["x"])
-        nu, b, weights = m["poisson"], m["bending"], m["weights"]
+        force, own = self._of_curvature(natural)
+        n = space.outer_nodes
+        weights = m["weights"]
+        work = np.einsum("tq,tq,qi->ti", weights, pressure, m["inner_values"])
+        load = np.zeros(space.size)
+        np.add.at(load, 2 * n + space.inner_local, work)
+        if self.body_force is not None:
+            pull = vector_field("body_force", self.body_force)(m["x"])
+            for i in range(2):
+                work = np.einsum("tq,tq,qn->tn", weights, pull[..., i], m["outer_values"])
+                np.add.at(load, i * n + space.outer_local, work)
+        if self.traction is not None:
+            load[: 2 * n] += edge_load(
+                self.mesh, space.geometry, space.outer, space.outer_local, n, self.traction
+            ).ravel()
+        object.__setattr__(self, "_load", load)
+        object.__setattr__(self, "_strain", strain)
+        object.__setattr__(self, "_force", force + load)
+        object.__setattr__(self, "_own", own)
+        slopes = [float(np.sqrt(np.max(m["bending"] / m["stretching"]))) / space.extent]
+        slopes.append(float(np.sqrt(np.max(np.abs(strain)))))
+        slopes.append(float(np.max(np.abs(natural))) * space.extent)
+        slopes.append(self._support_slope())
+        object.__setattr__(self, "_slope", max(slopes))
+        exact, tilts = self._neutral
+        rows = [self._motion(row, np.zeros(space.size)) for row in (*exact, *tilts)]
+        if any(abs(row @ load) > 1e-9 * np.sum(np.abs(load)) for row in rows):
+            raise InvalidInput(
+                "argument `pressure`, `body_force` or `traction` moves the plate as a whole: its "
+                "`edges` do not hold it, and the load does not balance; hold an edge, or balance the load"
+            )
+
+    def _of_curvature(self, natural: Array) -> tuple[Array, float]:
+        """Return the force of a spontaneous curvature, and its own energy."""
+        space, m = self.space, self._material
+        nu = m["poisson"]
         xx, yy, xy = natural[..., 0], natural[..., 1], natural[..., 2]
-        scale = weights * b / (1 - nu**2)
+        scale = m["weights"] * m["bending"] / (1 - nu**2)
         own = 0.5 * scale * (xx**2 + yy**2 + 2 * nu * xx * yy + 2 * (1 - nu) * xy**2)
         moments = np.stack(
             [scale * (xx + nu * yy), scale * (1 - nu) * xy, scale * (yy + nu * xx)], axis=-1
         )
         n, k = space.outer_nodes, space.inner_nodes
         force = np.zeros(space.size)
-        gradient = m["inner_gradients"]
         for row, parts in ((0, (0, 1)), (1, (1, 2))):
-            pull = np.einsum("tqix,tqx->ti", gradient, moments[..., parts])
+            pull = np.einsum("tqix,tqx->ti", m["inner_gradients"], moments[..., parts])
             np.add.at(force, 2 * n + (1 + row) * k + space.inner_local, pull)
-        work = np.einsum("tq,tq,qi->ti", weights, pressure, m["inner_values"])
-        load = np.zeros(space.size)
-        np.add.at(load, 2 * n + space.inner_local, work)
-        object.__setattr__(self, "_strain", strain)
-        object.__setattr__(self, "_force", force + load)
-        object.__setattr__(self, "_own", float(np.sum(own)))
-        slopes = [float(np.sqrt(np.max(b / m["stretching"]))) / space.extent]
-        slopes.append(float(np.sqrt(np.max(np.abs(strain)))))
-        slopes.append(float(np.max(np.abs(natural))) * space.extent)
-        object.__setattr__(self, "_slope", max(slopes))
-        exact, tilts = self._neutral
-        rows = [self._motion(row, np.zeros(space.size)) for row in (*exact, *tilts)]
-        if any(abs(row @ load) > 1e-9 * np.sum(np.abs(load)) for row in rows):
-            raise InvalidInput(
-                "argument `pressure` moves the plate as a whole: its `edges` do not hold it, and the "
-                "load does not balance; hold an edge, or balance the load"
-            )
+        return force, float(np.sum(own))
 
     @cached_property
     def space(self) -> _MixedSpace:
         """Unknowns and integration points on the mesh."""
         if "space" not in self._shared:
-            self._shared["space"] = _MixedSpace(self.mesh, self.orders, self.edges)
+            self._shared["space"] = _MixedSpace(self.mesh, self.orders, self.edges, self.points)
         return self._shared["space"]
 
     @property
@@ -258,10 +349,10 @@ class MixedPlate(PlateUnknowns):
             block[:, part, :n1] -= mu * cross[:, a]
             block[:, :n1, part] -= mu * cross[:, a].transpose(0, 2, 1)
         where = np.hstack([w, slopes])
-        quadratic = _scatter(where, where, block, (space.size, space.size))
+        quadratic = scatter(where, where, block, (space.size, space.size))
         rows = [
-            _scatter(inner_local, slopes[:, a * n1 : (a + 1) * n1], mass, (k, space.size))
-            - _scatter(inner_local, w, cross[:, a], (k, space.size))
+            scatter(inner_local, slopes[:, a * n1 : (a + 1) * n1], mass, (k, space.size))
+            - scatter(inner_local, w, cross[:, a], (k, space.size))
             for a in range(2)
         ]
         constraints = sparse.vstack(rows).tocsr()[space.loose]
@@ -287,25 +378,32 @@ class MixedPlate(PlateUnknowns):
             "x": geometry.x, "weights": np.ascontiguousarray(geometry.weights),
             "gradients": np.ascontiguousarray(outer), "tilts": np.ascontiguousarray(tilts),
             "inner_gradients": inner, "inner_values": values,
+            "outer_values": space.outer.values(points), "points": points,
             "stretching": stretching, "bending": bending, "poisson": poisson, "local": local,
             "pattern": (indptr, indices, places), "data": data, "quadratic": quadratic,
             "constraints": constraints, "lumped": np.asarray(
                 constraints[:, 2 * n + k :].sum(axis=1)).ravel(),
             "mass": np.concatenate([nodal, nodal, other, small * other, small * other]),
-            "stiff": _scatter(inner_local, inner_local, stiff, (k, k)),
-            "bend": _scatter(
+            "stiff": scatter(inner_local, inner_local, stiff, (k, k)),
+            "bend": scatter(
                 slopes - 2 * n - k, slopes - 2 * n - k, local_bending, (2 * k, 2 * k)),
         }  # fmt: skip
         return self._shared["material"]
 
     def with_(self, **changes: Any) -> MixedPlate:
         """Return a plate with other arguments; what they do not touch is not computed again."""
-        known = {f.name for f in fields(self) if f.init and not f.name.startswith("_")}
-        unknown = set(changes) - known
-        if unknown:
-            raise InvalidInput(f"unknown arguments {sorted(unknown)}; known are {sorted(known)}")
-        kept = {"strain", "curvature", "pressure"}
-        shared = dict(self._shared) if set(changes) <= kept else {}
+        names = self._changed(changes)
+        loads = {"strain", "curvature", "pressure", "body_force", "traction", "support_scale"}
+        supports = {"edges", "points"}
+        shared = dict(self._shared) if names <= loads | supports else {}
+        if names & supports and "space" in shared:
+            old = shared["space"]
+            new = old.with_supports(
+                changes.get("edges", self.edges), changes.get("points", self.points)
+            )
+            if not np.array_equal(new.fixed, old.fixed):
+                shared = {}
+            shared["space"] = new
         return replace(self, _shared=shared, **changes)
 
     # -- rigid motions ----------------------------------------------------------------------------
@@ -338,10 +436,17 @@ class MixedPlate(PlateUnknowns):
         rows = np.array([self._motion(unit, np.zeros(space.size)) for unit in np.eye(6)])
         held = rows[:, space.fixed]
         allowed = np.eye(6)
+        if self.body_force is not None or self.traction is not None:
+            # Loads of fixed direction do work when the plate tilts, except about their own direction.
+            pull = self._load[: 2 * space.outer_nodes].reshape(2, -1)
+            u, values, _ = np.linalg.svd(pull, full_matrices=False)
+            loose = u[:, values <= 1e-12 * max(float(values[0]), 1e-300)]
+            allowed = np.vstack([allowed[:4], loose.T @ allowed[4:]])
+            held = allowed @ held
         if held.size:
             u, values, _ = np.linalg.svd(held, full_matrices=True)
             rank = int(np.count_nonzero(values > 1e-9 * np.sqrt(held.shape[1])))
-            allowed = u[:, rank:].T
+            allowed = u[:, rank:].T @ allowed
         # Turn the combinations so that as few as possible have a tilt.
         u, values, _ = np.linalg.svd(allowed[:, 4:], full_matrices=True)
         rank = int(np.count_nonzero(values > 1e-9))
@@ -398,6 +503,7 @@ class MixedPlate(PlateUnknowns):
         energy += 0.5 * float(x @ moment) - float(self._force @ x) + self._own
         jacobian = self._jacobian
         constraints = jacobian @ x[space.free]
+        constraints[: len(space.loose)] = m["constraints"] @ x  # held unknowns count too
         if order == 0:
             return Evaluation(energy, constraints)
         gradient = (force + moment - self._force)[space.free] + jacobian.T @ multipliers
@@ -424,7 +530,7 @@ class MixedPlate(PlateUnknowns):
         """Return the rigid motions that change nothing, exactly."""
         exact, _ = self._neutral
         x = self._vector(state)
-        rows = np.array([self._motion(row, x) for row in exact]).reshape(len(exact), -1)
+        rows = np.array([self._motion(row, x) for row in exact]).reshape(-1, len(x))
         return rows[:, self.space.free]
 
     # -- what a state means -------------------------------------------------------------------------
@@ -437,16 +543,8 @@ class MixedPlate(PlateUnknowns):
         """Return the state that interpolates functions of x, y; slopes are projected."""
         space = self.space
         n, k = space.outer_nodes, space.inner_nodes
-        out = np.zeros(space.size)
-        if displacement is not None:
-            u = np.broadcast_to(np.asarray(displacement(*space.positions.T), dtype=float), (n, 2))
-            out[:n], out[n : 2 * n] = u[:, 0], u[:, 1]
-        if deflection is not None:
-            w = np.asarray(deflection(*space.inner_positions.T), dtype=float)
-            out[2 * n : 2 * n + k] = w
-            out[2 * n + k :] = self._projected(out[2 * n : 2 * n + k])
-        if not np.all(np.isfinite(out)):
-            raise InvalidInput("the functions to interpolate are not finite at every node")
+        out = self._sampled((space.positions, space.inner_positions), deflection, displacement)
+        out[2 * n + k :] = self._projected(out[2 * n : 2 * n + k])
         return PlateState(out)
 
     def _projected(self, w: Array) -> Array:
@@ -460,15 +558,83 @@ class MixedPlate(PlateUnknowns):
         out[space.loose] = sparse.linalg.spsolve(constraints[:, loose].tocsc(), right)
         return out
 
-    def deflection(self, state: PlateState) -> Array:
-        """Return w at the vertices of the mesh, shape (vertices,)."""
-        n = self.space.outer_nodes
-        return self._vector(state)[2 * n : 2 * n + self.mesh.nvertices].copy()
+    def force_of(self, curvature: Any) -> Array:
+        """Return the force on the free unknowns that a spontaneous curvature adds, shape (size,).
 
-    def displacement(self, state: PlateState) -> Array:
-        """Return u at the vertices of the mesh, shape (vertices, 2)."""
-        n, x = self.space.outer_nodes, self._vector(state)
-        return np.stack([x[: self.mesh.nvertices], x[n : n + self.mesh.nvertices]], axis=1)
+        It is the same in every state, and proportional to the curvature (array_like (2, 2) or callable).
+        """
+        natural = tensor_field("curvature", curvature)(self._material["x"])
+        return self._of_curvature(natural)[0][self.space.free]
+
+    def energies(self, state: PlateState) -> tuple[float, float, float]:
+        """Return stretching energy, bending energy (with the penalty), and the potential of loads."""
+        from ._fvk_kernel import membrane
+
+        m, x = self._material, self._vector(state)
+        stretching = membrane(
+            0, m["local"], m["pattern"][2], m["gradients"], m["tilts"], m["weights"],
+            m["stretching"], m["poisson"], self._strain, x, np.zeros(0), np.empty(0),
+        )  # fmt: skip
+        bend = 0.5 * float(x @ (m["quadratic"] @ x)) + self._own
+        bend -= float((self._force - self._load) @ x)
+        return float(stretching), bend, -float(self._load @ x)
+
+    def curvature_at(self, points: ArrayLike, state: PlateState) -> Array:
+        r"""Return the curvature, the symmetric part of :math:`\nabla\xi`, at points, shape (..., 2, 2)."""
+        triangle, reference, shape = self._locate(points)
+        space = self.space
+        jacobian = np.einsum(
+            "snx,snr->sxr", space.geometry.corners[triangle],
+            space.geometry.basis.gradients(reference),
+        )  # fmt: skip
+        gradient = np.einsum(
+            "snr,srx->snx", space.inner.gradients(reference), np.linalg.inv(jacobian)
+        )
+        slopes = self._parts(self._vector(state))[2].reshape(2, -1)
+        bent = np.einsum("snx,asn->sax", gradient, slopes[:, space.inner_local[triangle]])
+        return (0.5 * (bent + bent.transpose(0, 2, 1))).reshape(*shape, 2, 2)
+
+    # -- what the schemes share -------------------------------------------------------------------
+
+    def _parts(self, x: Any) -> tuple[Any, Any, Any]:
+        n, k = self.space.outer_nodes, self.space.inner_nodes
+        return x[: 2 * n].reshape(2, n), x[2 * n : 2 * n + k], x[2 * n + k :]
+
+    @property
+    def _bases(self) -> Any:
+        space = self.space
+        return (space.outer, space.outer_local), (space.inner, space.inner_local)
+
+    def _linear(self) -> Any:
+        m = self._material
+        blocks = (
+            m["local"], m["gradients"], m["tilts"], m["weights"], m["stretching"], m["poisson"],
+            np.zeros_like(self._strain),
+        )  # fmt: skip
+        rows = m["constraints"]
+        further = self._jacobian.shape[0] - rows.shape[0]
+        if further:  # means of the slopes: where they are held, no slope is
+            means = sparse.lil_matrix((further, self.space.size))
+            means[:, self.space.free] = self._jacobian[rows.shape[0] :]
+            rows = sparse.vstack([rows, means]).tocsr()
+        return blocks, m["quadratic"], rows
+
+    def _membrane_data(self) -> dict[str, Any]:
+        m = self._material
+        names = ("local", "gradients", "tilts", "weights", "stretching", "poisson", "points")
+        return {name: m[name] for name in names} | {"natural": self._strain}
+
+    def _moments(self, state: PlateState) -> Array:
+        space, m = self.space, self._material
+        slopes = self._parts(self._vector(state))[2].reshape(2, -1)[:, space.inner_local]
+        bent = np.einsum("tqix,ati->tqax", m["inner_gradients"], slopes)
+        natural = tensor_field("curvature", self.curvature)(m["x"])
+        xx, yy = bent[..., 0, 0] - natural[..., 0], bent[..., 1, 1] - natural[..., 1]
+        xy = 0.5 * (bent[..., 0, 1] + bent[..., 1, 0]) - natural[..., 2]
+        nu = m["poisson"]
+        b = m["bending"] / (1 - nu**2)
+        values = np.stack([b * (xx + nu * yy), b * (1 - nu) * xy, b * (yy + nu * xx)], axis=-1)
+        return fitted(values, m["weights"], lagrange(space.orders[1]), m["points"])
 
 
 def projected_bending(plate: MixedPlate, count: int = 8) -> tuple[Array, Array]:

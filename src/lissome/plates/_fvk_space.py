@@ -16,6 +16,7 @@ principle for (w, a), and the slopes make the normal moments continuous.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -26,9 +27,17 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..errors import InvalidInput
-from ._fvk_fields import vector_field
+from ._fvk_supports import (
+    HeldValues,
+    Hold,
+    edge_frames,
+    edge_load,
+    edge_senses,
+    facet_sides,
+    read_edges,
+    read_points,
+)
 from ._fvk_tables import (
-    EDGES,
     Lagrange,
     edge_points,
     lagrange,
@@ -39,17 +48,6 @@ from ._fvk_tables import (
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-#: What an edge can hold.
-HOLDS = ("deflection", "slope", "displacement")
-#: Kinds of edges, and what each holds at zero.
-EDGE_KINDS: dict[str, tuple[str, ...]] = {
-    "free": (),
-    "simply supported": ("deflection",),
-    "hinged": ("deflection", "displacement"),
-    "clamped": ("deflection", "slope", "displacement"),
-    "sliding clamp": ("deflection", "slope"),
-}
 
 
 @dataclass(frozen=True)
@@ -132,15 +130,6 @@ class Geometry:
         return Points(self.positions(points), area * weights, inverse)
 
 
-def edge_senses(mesh: Any) -> Any:
-    """Return where an edge runs against the sense of its triangle, shape (T, 3).
-
-    Edges run from the vertex of smaller to that of larger number, whatever the triangle says.
-    """
-    ends = np.array([mesh.t[[a, b]] for a, b in EDGES])  # (3, 2, T)
-    return (ends[:, 0] > ends[:, 1]).T
-
-
 def number_nodes(mesh: Any, degree: int) -> tuple[int, Index]:
     """Return the number of nodes of a continuous field, and those of each triangle (T, n)."""
     p, backward = degree, edge_senses(mesh)
@@ -173,11 +162,20 @@ class PlateSpace:
     mesh : skfem.MeshTri or skfem.MeshTri2
     degree : int
         Degree p of deflection and displacement, 2 or 3.
-    edges : mapping
+    edges, points : mapping
         What is held, see :class:`lissome.plates.fvk.Plate`.
+
+    Attributes
+    ----------
+    fixed : ndarray of bool, shape (size,)
+        Which unknowns are held.
+    values : ndarray, shape (size,)
+        The values at which they are held; 0 elsewhere.
+    prescribed : bool
+        Whether values were given, be they zero.
     """
 
-    def __init__(self, mesh: Any, degree: int, edges: Any) -> None:
+    def __init__(self, mesh: Any, degree: int, edges: Any, points: Any = None) -> None:
         if degree not in (2, 3):
             raise InvalidInput(f"argument `degree` is {degree!r}; it must be 2 or 3")
         self.mesh = mesh
@@ -192,55 +190,62 @@ class PlateSpace:
         self.local: Index = np.hstack(
             [self.scalar, self.scalar + self.nodes, self.scalar + 2 * self.nodes, self.slopes]
         )
-        self.held = self._held(edges)
-        fixed = np.zeros(self.size, dtype=bool)
-        for what in HOLDS:
-            fixed[self.held[what]] = True
-        self.fixed = fixed
-        self.free: Index = np.flatnonzero(~fixed)
+        self._hold(edges, points)
+
+    def _hold(self, edges: Any, points: Any) -> None:
+        """Set what the supports hold."""
+        p, n = self.degree, self.nodes
+        held = HeldValues(self.size)
+        on_edges, prescribed = read_edges(self.mesh, edges)
+        at_points, too = read_points(self.mesh, points)
+        first = {"displacement_x": 0, "displacement_y": n, "deflection": 2 * n}
+        for hold in on_edges:
+            if hold.what in first:
+                nodes = nodes_on(self.mesh, p, hold.place)
+                place = self.positions[nodes]
+                held.put(first[hold.what] + nodes, hold.value(place), hold, place)
+            else:
+                slopes = 3 * n + p * hold.place[:, None] + np.arange(p)
+                held.put(slopes.ravel(), self._held_slopes(hold).ravel(), hold)
+        for hold in at_points:
+            place = self.positions[hold.place]
+            held.put(first[hold.what] + hold.place, hold.value(place), hold, place)
+        self.fixed, self.values = held.result()
+        self.prescribed: bool = prescribed or too
+        self.free: Index = np.flatnonzero(~self.fixed)
         if not len(self.free):
             raise InvalidInput("argument `edges` holds everything; the plate has no unknown left")
 
-    def _held(self, edges: Any) -> dict[str, Index]:
-        """Return the unknowns that the supports hold, by what they hold."""
-        p, facets = self.degree, select_edges(self.mesh, edges)
-        held: dict[str, Index] = {}
-        for what, chosen in facets.items():
-            nodes = nodes_on(self.mesh, p, chosen)
-            if what == "slope":
-                held[what] = (3 * self.nodes + p * chosen[:, None] + np.arange(p)).ravel()
-            elif what == "deflection":
-                held[what] = 2 * self.nodes + nodes
+    def with_supports(self, edges: Any, points: Any) -> PlateSpace:
+        """Return the same space with other supports; what does not depend on them is shared."""
+        other = copy.copy(self)
+        other._hold(edges, points)
+        if not np.array_equal(other.fixed, self.fixed):
+            other.__dict__.pop("pattern", None)
+        return other
+
+    def _held_slopes(self, hold: Hold) -> Array:
+        """Return the slopes that fit a prescribed normal derivative or gradient, shape (facets, p)."""
+        p, facets = self.degree, hold.place
+        t, weights = segment_rule(p + 3)
+        test = legendre(p, t) * weights[:, None] * (2 * np.arange(p) + 1)
+        out = np.empty((len(facets), p))
+        for i, (triangle, edge) in enumerate(zip(*facet_sides(self.mesh, facets), strict=True)):
+            backward = bool(self.backward[triangle, edge])
+            _, place, tangent = edge_frames(self.geometry, triangle, int(edge), t, backward)
+            value = hold.value(place)
+            if hold.what == "gradient":
+                slope = value[:, 0] * tangent[:, 1] - value[:, 1] * tangent[:, 0]
             else:
-                held[what] = np.concatenate([nodes, self.nodes + nodes])
-        return held
+                slope = value * np.linalg.norm(tangent, axis=1) * self.outward[triangle, edge]
+            out[i] = slope @ test
+        return out
 
     def edge_load(self, traction: Any) -> Array:
         """Return the work of loads per length on parts of the boundary, shape (size,)."""
-        if not hasattr(traction, "items"):
-            raise InvalidInput(
-                f"argument `traction` is {traction!r}; pass a mapping from parts of the boundary to "
-                'vectors, such as {"right": (1.0, 0.0)}'
-            )
         out = np.zeros(self.size)
-        t, weights = segment_rule(self.degree + 2)
-        for part, value in traction.items():
-            facets = select_edges(self.mesh, {part: ("deflection",)})["deflection"]
-            field = vector_field("traction", value)
-            for triangle in np.unique(self.mesh.f2t[0, facets]):
-                for edge in np.flatnonzero(np.isin(self.mesh.t2f[:, triangle], facets)):
-                    reference = edge_points(int(edge), t, False)
-                    ends = edge_points(int(edge), np.array([0.0, 1.0]), False)
-                    corners = self.geometry.corners[triangle]
-                    place = self.geometry.basis.values(reference) @ corners
-                    jacobian = np.einsum(
-                        "nx,qnr->qxr", corners, self.geometry.basis.gradients(reference)
-                    )
-                    length = np.linalg.norm(jacobian @ (ends[1] - ends[0]), axis=1)
-                    pull = field(place) * (weights * length)[:, None]
-                    for i in range(2):
-                        nodes = self.scalar[triangle] + i * self.nodes
-                        out[nodes] += self.basis.values(reference).T @ pull[:, i]
+        load = edge_load(self.mesh, self.geometry, self.basis, self.scalar, self.nodes, traction)
+        out[: 2 * self.nodes] = load.ravel()
         return out
 
     @cached_property
@@ -450,53 +455,8 @@ def sparse_pattern(local: Index, n: int) -> tuple[Any, Any, Any]:
     return indptr, indices, where
 
 
-def select_edges(mesh: Any, edges: Any) -> dict[str, Index]:
-    """Return the boundary facets at which each quantity is held.
-
-    Parameters
-    ----------
-    mesh : skfem.Mesh
-    edges : str or mapping
-        A kind for the whole boundary, or a mapping from a part of the boundary to a kind. A part is
-        the name of a boundary of the mesh or a function of the midpoints, f(x, y) -> bool. A kind is
-        a name of `EDGE_KINDS` or a collection out of `HOLDS`.
-    """
-    boundary = np.asarray(mesh.boundary_facets(), dtype=np.int64)
-    chosen: dict[str, list[Index]] = {what: [] for what in HOLDS}
-    parts = {"all": edges} if isinstance(edges, str) or not hasattr(edges, "items") else edges
-    for part, kind in parts.items():
-        if isinstance(kind, str):
-            if kind not in EDGE_KINDS:
-                raise InvalidInput(
-                    f"argument `edges` has the kind {kind!r}; known are {sorted(EDGE_KINDS)}, or a "
-                    f"tuple out of {HOLDS}"
-                )
-            holds = EDGE_KINDS[kind]
-        else:
-            holds = tuple(kind)
-            if any(what not in HOLDS for what in holds):
-                raise InvalidInput(
-                    f"argument `edges` holds {holds!r}; an edge can hold some of {HOLDS}"
-                )
-        if isinstance(part, str) and part == "all":
-            facets = boundary
-        elif callable(part):
-            middle = mesh.p[:, mesh.facets[:, boundary]].mean(axis=1)
-            inside = np.broadcast_to(np.asarray(part(middle[0], middle[1])), boundary.shape)
-            facets = boundary[inside.astype(bool)]
-        else:
-            known = mesh.boundaries or {}
-            if part not in known:
-                raise InvalidInput(
-                    f"argument `edges` names the boundary {part!r}; the mesh knows "
-                    f"{sorted(known)}, and 'all'"
-                )
-            facets = np.intersect1d(np.asarray(known[part], dtype=np.int64), boundary)
-        if not len(facets):
-            raise InvalidInput(f"argument `edges`: the part {part!r} has no edge of the boundary")
-        for what in holds:
-            chosen[what].append(facets)
-    return {
-        what: np.unique(np.concatenate(lists)) if lists else np.zeros(0, dtype=np.int64)
-        for what, lists in chosen.items()
-    }
+def scatter(rows: Index, columns: Index, local: Array, shape: tuple[int, int]) -> Any:
+    """Assemble local matrices (T, a, b) into a sparse matrix."""
+    a = np.broadcast_to(rows[:, :, None], local.shape)
+    b = np.broadcast_to(columns[:, None, :], local.shape)
+    return sparse.coo_matrix((local.ravel(), (a.ravel(), b.ravel())), shape=shape).tocsr()

@@ -47,6 +47,16 @@ def legendre(count: int, t: Array) -> Array:
     return np.asarray(legvander(2.0 * t - 1.0, count - 1))
 
 
+def segment_basis(degree: int, t: Array) -> Array:
+    """Return derivatives by t, shape (len(t), degree + 1), of the nodal basis at i/degree."""
+    nodes = np.arange(degree + 1) / degree
+    vandermonde = np.vander(nodes, increasing=True)
+    powers = np.arange(1, degree + 1)
+    slopes = np.zeros((len(t), degree + 1))
+    slopes[:, 1:] = powers * t[:, None] ** (powers - 1)
+    return np.asarray(slopes @ np.linalg.inv(vandermonde), dtype=float)
+
+
 @dataclass(frozen=True)
 class Lagrange:
     """The nodal basis of a degree: vertices, then edges (first to last vertex), then the inside."""

@@ -14,7 +14,7 @@ C = Y h and B = Y h^3/12; the factor 1/(1 - nu^2) is in W.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,15 +23,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from .._validate import finite
-from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
 from ..factorization import SparseKKT
 from ..structure import Evaluation
 from ._fvk_fields import Field, scalar_field, tensor_field, vector_field
 from ._fvk_mixed import MixedPlate, projected_bending
-from ._fvk_space import EDGE_KINDS, PlateSpace
-from ._fvk_state import PlateState, PlateUnknowns, check_moduli
-from ._fvk_tables import lagrange, triangle_rule
+from ._fvk_space import PlateSpace, scatter
+from ._fvk_state import PlateEquilibrium, PlateState, PlateUnknowns, check_moduli
+from ._fvk_supports import EDGE_KINDS
+from ._fvk_tables import triangle_rule
 
 __all__ = [
     "EDGE_KINDS",
@@ -43,31 +43,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class PlateEquilibrium(Equilibrium):
-    """An equilibrium of a plate, with its shape."""
-
-    @property
-    def deflection(self) -> Array:
-        """Deflection w at the vertices of the mesh, shape (vertices,)."""
-        return self.structure.deflection(self.state)
-
-    @property
-    def displacement(self) -> Array:
-        """In-plane displacement at the vertices, shape (vertices, 2)."""
-        return self.structure.displacement(self.state)
-
-    @property
-    def stretching_energy(self) -> float:
-        """The part of the energy that is stored by stretching."""
-        return self.structure.energies(self.state)[0]
-
-    @property
-    def bending_energy(self) -> float:
-        """The part of the energy that is stored by bending."""
-        return self.structure.energies(self.state)[1]
 
 
 class _Bending:
@@ -96,12 +71,12 @@ class _Bending:
         local = space.curvature_matrix.transpose(0, 2, 1) @ self.response
         local = 0.5 * (local + local.transpose(0, 2, 1))
         n = space.basis.count
-        indptr, indices, place = space.pattern
+        _, indices, place = space.pattern
         part = place[:, 2 * n :, 2 * n :]
         inside = part >= 0
         self.data = np.bincount(part[inside], weights=local[inside], minlength=len(indices))
-        free = len(space.free)
-        self.matrix = sparse.csc_matrix((self.data, indices, indptr), shape=(free, free))
+        unknowns = space.local[:, 2 * n :]
+        self.matrix = scatter(unknowns, unknowns, local, (space.size, space.size))
 
     def load(self, space: PlateSpace, natural: Array) -> tuple[Array, float, Array]:
         """Return the force of a spontaneous curvature, its own energy, and its moments' tests."""
@@ -190,6 +165,8 @@ class Plate(PlateUnknowns):
     degree: int = 2
     body_force: Any = None
     traction: Any = None
+    points: Any = None
+    support_scale: float = 1.0
     _shared: dict[str, Any] = field(default_factory=dict, repr=False)
     _strain: Array = field(init=False, repr=False)
     _force: Array = field(init=False, repr=False)
@@ -199,6 +176,7 @@ class Plate(PlateUnknowns):
     _slope: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        finite("support_scale", self.support_scale)
         space, bending, membrane = self.space, self._bending, self._membrane
         natural = tensor_field("curvature", self.curvature)(space.curvature_points.x)
         force, own, tests = bending.load(space, natural)
@@ -226,6 +204,7 @@ class Plate(PlateUnknowns):
         slopes = [np.sqrt(np.max(membrane["thickness2"])) / space.extent]
         slopes.append(float(np.sqrt(np.max(np.abs(strain)))))
         slopes.append(float(np.max(np.abs(natural))) * space.extent)
+        slopes.append(self._support_slope())
         object.__setattr__(self, "_slope", float(max(slopes)))
         pushed = self._generators(np.zeros(space.size))
         if len(pushed) and np.any(load):
@@ -243,7 +222,7 @@ class Plate(PlateUnknowns):
     def space(self) -> PlateSpace:
         """The degrees of freedom; shared by plates that differ in material and load only."""
         if "space" not in self._shared:
-            self._shared["space"] = PlateSpace(self.mesh, self.degree, self.edges)
+            self._shared["space"] = PlateSpace(self.mesh, self.degree, self.edges, self.points)
         return self._shared["space"]
 
     @property
@@ -292,22 +271,27 @@ class Plate(PlateUnknowns):
         InvalidInput
             If a name is unknown.
         """
-        known = {item.name for item in fields(self) if item.init and not item.name.startswith("_")}
-        unknown = set(changes) - known
-        if unknown:
-            raise InvalidInput(f"unknown arguments {sorted(unknown)}; known are {sorted(known)}")
+        names = self._changed(changes)
         shared = dict(self._shared)
         spoiled = {
-            "mesh": ("space", "bending", "membrane"),
-            "edges": ("space", "bending", "membrane"),
-            "degree": ("space", "bending", "membrane"),
-            "poisson": ("bending", "membrane"),
-            "bending": ("bending", "membrane"),
-            "stretching": ("membrane",),
+            "mesh": ("space", "bending", "membrane", "spread"),
+            "degree": ("space", "bending", "membrane", "spread"),
+            "poisson": ("bending", "membrane", "spread"),
+            "bending": ("bending", "membrane", "spread"),
+            "stretching": ("membrane", "spread"),
         }
-        for name in changes:
+        for name in names:
             for part in spoiled.get(name, ()):
                 shared.pop(part, None)
+        if names & {"edges", "points"} and "space" in shared:
+            old = shared["space"]
+            new = old.with_supports(
+                changes.get("edges", self.edges), changes.get("points", self.points)
+            )
+            shared["space"] = new
+            if not np.array_equal(new.fixed, old.fixed):
+                shared.pop("bending", None)
+                shared.pop("spread", None)
         return replace(self, _shared=shared, **changes)
 
     # -- the structure ----------------------------------------------------------------------------
@@ -330,14 +314,12 @@ class Plate(PlateUnknowns):
             order, space.local, place, m["gradients"], m["gradients"], m["weights"], m["stretching"],
             m["poisson"], self._strain, x, force, data,
         )  # fmt: skip
-        free = x[space.free]
-        moment = bending.matrix @ free
-        applied = self._force[space.free]
-        energy = stretching + 0.5 * float(free @ moment) - float(applied @ free) + self._own
+        moment = bending.matrix @ x
+        energy = stretching + 0.5 * float(x @ moment) - float(self._force @ x) + self._own
         none = np.zeros(0)
         if order == 0:
             return Evaluation(energy, none)
-        gradient = force[space.free] + moment - applied
+        gradient = (force + moment - self._force)[space.free]
         if order == 1:
             return Evaluation(energy, none, gradient)
         n = len(space.free)
@@ -398,10 +380,6 @@ class Plate(PlateUnknowns):
         rank = int(np.count_nonzero(values > 1e-9 * np.sqrt(held.shape[1])))
         return u[:, rank:].T @ rows
 
-    def present(self, equilibrium: Equilibrium) -> PlateEquilibrium:
-        """Return the plate's own view of an equilibrium."""
-        return equilibrium.as_type(PlateEquilibrium)
-
     def force_of(self, curvature: Any) -> Array:
         """Return the force on the free unknowns that a spontaneous curvature adds, shape (size,).
 
@@ -428,48 +406,49 @@ class Plate(PlateUnknowns):
             u, an array of shape (..., 2); zero by default.
         """
         space = self.space
-        n, x, y = space.nodes, *space.positions.T
-        out = np.zeros(space.size)
-        if displacement is not None:
-            u = np.broadcast_to(np.asarray(displacement(x, y), dtype=float), (n, 2))
-            out[:n], out[n : 2 * n] = u[:, 0], u[:, 1]
-        if deflection is not None:
-            w = np.broadcast_to(np.asarray(deflection(x, y), dtype=float), (n,))
-            out[2 * n : 3 * n] = w
-            out[3 * n :] = space.slopes_of(out[2 * n : 3 * n])
-        if not np.all(np.isfinite(out)):
-            raise InvalidInput("the functions to interpolate are not finite at every node")
+        out = self._sampled((space.positions, space.positions), deflection, displacement)
+        out[3 * space.nodes :] = space.slopes_of(out[2 * space.nodes : 3 * space.nodes])
         return PlateState(out)
 
-    def deflection(self, state: PlateState) -> Array:
-        """Return w at the vertices of the mesh, shape (vertices,)."""
+    # -- what the schemes share -------------------------------------------------------------------
+
+    def _parts(self, x: Any) -> tuple[Any, Any, Any]:
         n = self.space.nodes
-        return self._vector(state)[2 * n : 2 * n + self.mesh.nvertices].copy()
+        return x[: 2 * n].reshape(2, n), x[2 * n : 3 * n], x[3 * n :]
 
-    def displacement(self, state: PlateState) -> Array:
-        """Return u at the vertices of the mesh, shape (vertices, 2)."""
-        n, x = self.space.nodes, self._vector(state)
-        return np.stack([x[: self.mesh.nvertices], x[n : n + self.mesh.nvertices]], axis=1)
+    @property
+    def _slope_unit(self) -> float:
+        ends = self.mesh.p[:, self.mesh.facets]
+        return float(np.mean(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=0)))
 
-    def mirrored(self, state: PlateState) -> PlateState:
-        """Return the state with the deflection turned over, -w."""
-        x = self._vector(state).copy()
-        x[2 * self.space.nodes :] *= -1.0
-        return PlateState(x)
+    @property
+    def _bases(self) -> Any:
+        both = (self.space.basis, self.space.scalar)
+        return both, both
 
-    def moments(self, state: PlateState) -> Array:
-        """Return the moments at the corners of each triangle, shape (T, 3, 2, 2)."""
-        return self._moments(state, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    def _linear(self) -> Any:
+        space, m = self.space, self._membrane
+        blocks = (
+            space.local, m["gradients"], m["gradients"], m["weights"], m["stretching"], m["poisson"],
+            np.zeros_like(self._strain),
+        )  # fmt: skip
+        return blocks, self._bending.matrix, sparse.csr_matrix((0, space.size))
 
-    def _moments(self, state: PlateState, points: Array) -> Array:
+    def _membrane_data(self) -> dict[str, Any]:
+        m = self._membrane
+        points, _ = triangle_rule(self._membrane_degree)
+        return {
+            "local": self.space.local, "gradients": m["gradients"], "tilts": m["gradients"],
+            "weights": m["weights"], "stretching": m["stretching"], "poisson": m["poisson"],
+            "natural": self._strain, "points": points,
+        }  # fmt: skip
+
+    def _moments(self, state: PlateState) -> Array:
         space, n = self.space, self.space.basis.count
         v = self._vector(state)[space.local[:, 2 * n :]]
         coefficients = np.einsum("tmv,tv->tm", self._bending.response, v)
         coefficients -= np.einsum("tmk,tk->tm", self._bending.inverse, self._tests)
-        basis = lagrange(self.degree - 1).values(points)
-        c = coefficients.reshape(len(v), -1, 3)
-        values = np.einsum("qk,tkc->tqc", basis, c)
-        return values[..., [[0, 1], [1, 2]]]
+        return coefficients.reshape(len(v), -1, 3)
 
     def curvature_at(self, points: ArrayLike, state: PlateState) -> Array:
         r"""Return the discrete curvature :math:`\nabla\nabla w` at points, shape (..., 2, 2).
@@ -477,68 +456,13 @@ class Plate(PlateUnknowns):
         It is that of the triangle in which a point lies: moments over stiffness, plus the spontaneous
         curvature as the moments see it (projected on polynomials).
         """
-        triangle, reference, shape = self._locate(points)
         space, n = self.space, self.space.basis.count
         v = self._vector(state)[space.local[:, 2 * n :]]
         tests = np.einsum("tmv,tv->tm", space.curvature_matrix, v)
         basis = space.moment_basis
         gram = np.einsum("tq,qi,qj->tij", space.curvature_points.weights, basis, basis)
         tests = tests.reshape(len(v), -1, 3) / np.array([1.0, 2.0, 1.0])
-        coefficients = np.linalg.solve(gram, tests)
-        at = lagrange(self.degree - 1).values(reference)
-        values = np.einsum("sk,skc->sc", at, coefficients[triangle])
-        return values[:, [[0, 1], [1, 2]]].reshape(*shape, 2, 2)
-
-    def deflection_at(self, points: ArrayLike, state: PlateState) -> Array:
-        """Return w at points (..., 2)."""
-        triangle, reference, shape = self._locate(points)
-        nodes = self.space.scalar[triangle] + 2 * self.space.nodes
-        values = self.space.basis.values(reference)
-        return np.sum(values * self._vector(state)[nodes], axis=1).reshape(shape)
-
-    def displacement_at(self, points: ArrayLike, state: PlateState) -> Array:
-        """Return u at points (..., 2)."""
-        triangle, reference, shape = self._locate(points)
-        nodes = self.space.scalar[triangle]
-        values, x = self.space.basis.values(reference), self._vector(state)
-        parts = [np.sum(values * x[nodes + i * self.space.nodes], axis=1) for i in range(2)]
-        return np.stack(parts, axis=-1).reshape(*shape, 2)
-
-    def _locate(self, points: ArrayLike) -> tuple[Any, Any, tuple[int, ...]]:
-        array = np.asarray(points, dtype=float)
-        if array.shape[-1:] != (2,) or not np.all(np.isfinite(array)):
-            raise InvalidInput(
-                f"argument `points` has shape {array.shape}; it must hold finite pairs (..., 2)"
-            )
-        flat = array.reshape(-1, 2)
-        corners = self.space.geometry.corners
-        origin = corners[:, 0]
-        triangle = np.empty(len(flat), dtype=np.int64)
-        reference = np.empty_like(flat)
-        straight = np.linalg.inv(
-            np.stack([corners[:, 1] - origin, corners[:, 2] - origin], axis=-1)
-        )
-        for i, point in enumerate(flat):
-            local = np.einsum("trx,tx->tr", straight, point - origin)
-            outside = np.max(np.column_stack([-local, local.sum(axis=1) - 1.0]), axis=1)
-            best, found = int(np.argmin(outside)), False
-            for t in np.argsort(outside)[:8]:
-                r = local[t].copy()
-                for _ in range(20):  # curved triangles
-                    at = self.space.geometry.basis
-                    missing = point - at.values(r[None])[0] @ corners[t]
-                    r += np.linalg.solve(corners[t].T @ at.gradients(r[None])[0], missing)
-                    if np.max(np.abs(missing)) < 1e-14 * self.space.extent:
-                        break
-                if min(r[0], r[1], 1 - r.sum()) > -1e-9:
-                    best, local[t], found = int(t), r, True
-                    break
-            if not found:
-                raise InvalidInput(
-                    f"argument `points`: ({point[0]:.6g}, {point[1]:.6g}) is not in the mesh"
-                )
-            triangle[i], reference[i] = best, local[best]
-        return triangle, reference, array.shape[:-1]
+        return self._at(points, np.linalg.solve(gram, tests))
 
     def energies(self, state: PlateState) -> tuple[float, float, float]:
         """Return stretching energy, bending energy, and the potential of the load."""
@@ -550,44 +474,6 @@ class Plate(PlateUnknowns):
             m["poisson"], self._strain, x, np.zeros(0), np.empty(0),
         )  # fmt: skip
         load = -float(self._load @ x)
-        free = x[space.free]
-        bend = 0.5 * float(free @ (self._bending.matrix @ free)) + self._own
+        bend = 0.5 * float(x @ (self._bending.matrix @ x)) + self._own
         bend -= float((self._force - self._load) @ x)
         return float(stretching), bend, load
-
-    def surface(self, state: PlateState, subdivisions: int = 1) -> tuple[Array, Any]:
-        """Return the deformed surface, for plots.
-
-        Parameters
-        ----------
-        state : PlateState
-        subdivisions : int
-            Parts into which each edge of the mesh is divided.
-
-        Returns
-        -------
-        points : ndarray, shape (P, 3)
-        triangles : ndarray of int, shape (F, 3)
-            Points are not shared between triangles of the mesh.
-        """
-        k = int(finite("subdivisions", subdivisions))
-        if k < 1:
-            raise InvalidInput(f"argument `subdivisions` is {subdivisions}; it must be at least 1")
-        rows = [(i, j) for j in range(k + 1) for i in range(k + 1 - j)]
-        number = {pair: index for index, pair in enumerate(rows)}
-        reference = np.array(rows, dtype=float) / k
-        faces = [
-            (number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in rows if i + j < k
-        ] + [
-            (number[i + 1, j], number[i + 1, j + 1], number[i, j + 1])
-            for i, j in rows if i + j < k - 1
-        ]  # fmt: skip
-        space, x = self.space, self._vector(state)
-        values = space.basis.values(reference)
-        parts = [
-            np.einsum("qn,tn->tq", values, x[space.scalar + i * space.nodes]) for i in range(3)
-        ]
-        place = space.geometry.positions(reference)
-        points = np.stack([place[..., 0] + parts[0], place[..., 1] + parts[1], parts[2]], axis=-1)
-        shift = len(reference) * np.arange(len(points))[:, None, None]
-        return points.reshape(-1, 3), (np.array(faces)[None] + shift).reshape(-1, 3)
