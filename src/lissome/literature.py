@@ -72,6 +72,13 @@ class Source:
         The DOI as an address; empty where none is known.
     place : str
         Section, equation, table or caption.
+
+    Examples
+    --------
+    >>> from lissome import literature
+    >>> (source, *_) = literature.load("audoly-neukirch-phi").sources
+    >>> isinstance(source, literature.Source), source.address.startswith("https://doi.org/")
+    (True, True)
     """
 
     title: str
@@ -103,6 +110,13 @@ class Table:
         unit row by row.
     digitization : mapping
         Tool, axes, uncertainty, declarations and project file of a digitized table; else empty.
+
+    Examples
+    --------
+    >>> from lissome import literature
+    >>> table = literature.load("thesis-table-3-1")
+    >>> table.provenance, sorted(table.columns)[:3], table.frame.shape[1] == len(table.columns)
+    ('published', ['id', 'note', 'place'], True)
     """
 
     name: str
@@ -173,6 +187,13 @@ class Number:
         Key of the source in the bibliography, place in the source, where it was read, remark.
     table : str
         Name of the table that holds it.
+
+    Examples
+    --------
+    >>> from lissome import literature
+    >>> thickness = literature.value("t31-thickness")
+    >>> float(thickness), thickness.unit, thickness.to("mm"), thickness.relation
+    (15.0, 'micrometer', 0.015, 'equal')
     """
 
     id: str
@@ -246,12 +267,38 @@ def tables(folder: PathLike | None = None) -> tuple[str, ...]:
 
 
 def slots(folder: PathLike | None = None) -> tuple[str, ...]:
-    """Return the names of all figures that have a slot for digitized points, filled or not."""
+    """Return the names of all figures that have a slot for digitized points, filled or not.
+
+    Parameters
+    ----------
+    folder : path-like, optional
+        See :func:`tables`.
+
+    Examples
+    --------
+    >>> from lissome import literature
+    >>> "slinky-distance" in literature.slots()
+    True
+    """
     return tuple(Descriptor(folder).slots)
 
 
 def awaited(folder: PathLike | None = None) -> tuple[str, ...]:
-    """Return the names of the slots that have no data yet."""
+    """Return the names of the slots that have no data yet.
+
+    Parameters
+    ----------
+    folder : path-like, optional
+        See :func:`tables`.
+
+    Examples
+    --------
+    A slot either has data or is awaited:
+
+    >>> from lissome import literature
+    >>> set(literature.awaited()) == {s for s in literature.slots() if not literature.is_available(s)}
+    True
+    """
     package = Descriptor(folder)
     return tuple(name for name in package.slots if name not in package.resources)
 
@@ -270,6 +317,14 @@ def is_available(slot: str, folder: PathLike | None = None) -> bool:
     ------
     DataError
         If there is no such slot: a misspelled name would otherwise hide data for ever.
+
+    Examples
+    --------
+    >>> from lissome import literature
+    >>> literature.is_available("slinky-distances")
+    Traceback (most recent call last):
+        ...
+    lissome.errors.DataError: ...there is no slot 'slinky-distances'; did you mean 'slinky-distance'...
     """
     package = Descriptor(folder)
     if slot not in package.slots:
@@ -386,6 +441,22 @@ def value(id: str, folder: PathLike | None = None) -> Number:
 def describe(name: str, folder: PathLike | None = None) -> str:
     """Return in words what a table or a slot holds, and how a slot is filled.
 
+    Parameters
+    ----------
+    name : str
+        One of :func:`tables`, or a slot.
+    folder : path-like, optional
+        See :func:`tables`.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    DataError
+        If there is no such table.
+
     Examples
     --------
     >>> from lissome import literature
@@ -487,6 +558,17 @@ def register(
         If the slot is unknown or filled, or the file or the project is not as it must be.
     InvalidInput
         If another argument is missing or wrong.
+
+    Examples
+    --------
+    A misspelled slot is refused before any file is read:
+
+    >>> from lissome import literature
+    >>> literature.register("slinky-distances", "points.csv", project="project.json",
+    ...                     tool="WebPlotDigitizer 5.2", uncertainty={"distance": 0.02})
+    Traceback (most recent call last):
+        ...
+    lissome.errors.DataError: ...there is no slot 'slinky-distances'; did you mean 'slinky-distance'...
     """
     package = Descriptor(folder)
     if slot not in package.slots:
@@ -572,6 +654,16 @@ def seal(names: Sequence[str] | None = None, folder: PathLike | None = None) -> 
     ------
     DataError
         If a table is unknown or does not obey its schema; nothing is sealed then.
+
+    Examples
+    --------
+    Nothing is sealed unless all is well:
+
+    >>> from lissome import literature
+    >>> literature.seal(["claims", "clams"])
+    Traceback (most recent call last):
+        ...
+    lissome.errors.DataError: ...there is no table 'clams'; did you mean 'claims'?
     """
     package = Descriptor(folder)
     changed = []
@@ -602,6 +694,11 @@ def seal(names: Sequence[str] | None = None, folder: PathLike | None = None) -> 
 def check(folder: PathLike | None = None) -> tuple[str, ...]:
     """Check every table, by the loader and by the frictionless library.
 
+    Parameters
+    ----------
+    folder : path-like, optional
+        See :func:`tables`.
+
     Returns
     -------
     tuple of str
@@ -611,6 +708,12 @@ def check(folder: PathLike | None = None) -> tuple[str, ...]:
     ------
     DataError
         With the first fault of every table that has one.
+
+    Examples
+    --------
+    >>> from lissome import literature
+    >>> literature.check() == literature.tables()
+    True
     """
     import frictionless
 

@@ -56,7 +56,14 @@ _PROCESS = uuid.uuid4().hex  # tells a cell that is run twice from a page that i
 
 
 class Verdict(Enum):
-    """What comes out of a claim."""
+    """What comes out of a claim.
+
+    Examples
+    --------
+    >>> from lissome.scoreboard import Verdict
+    >>> [verdict.glyph for verdict in (Verdict.REPRODUCED, Verdict.DIFFERS)]
+    ['✓', '≠']
+    """
 
     REPRODUCED = "reproduced"
     CORRECTED = "reproduced after correction"
@@ -109,6 +116,13 @@ class Claim:
         Stored numbers that belong to the claim (:func:`lissome.literature.value`).
     slot : str
         Awaited measurements that belong to the claim; empty if there are none.
+
+    Examples
+    --------
+    >>> from lissome import scoreboard
+    >>> claim = scoreboard.claims()["lambda-typical"]
+    >>> claim.kind, claim.printed, claim.number, claim.unit
+    ('number', '2.9', 2.9, '1')
     """
 
     id: str
@@ -127,7 +141,13 @@ class Claim:
 
     @property
     def number(self) -> float:
-        """The printed value; a claim without one raises :class:`DataError`."""
+        """The printed value.
+
+        Raises
+        ------
+        DataError
+            If the claim has none.
+        """
         if math.isnan(self.value):
             raise DataError(f"the claim '{self.id}' has no printed value in claims.csv")
         return self.value
@@ -170,10 +190,20 @@ def needs(claim: str) -> str:
     claim : str
         Id of the claim.
 
+    Returns
+    -------
+    str
+
     Raises
     ------
     InvalidInput
         If there is no such claim, or nobody has written its judge yet.
+
+    Examples
+    --------
+    >>> from lissome import scoreboard
+    >>> print(scoreboard.needs("strip-best-angle-095").splitlines()[0])
+      value (number): angle of the greatest frequency, degrees
     """
     return _judge(_claim(claim)).describe()
 
@@ -208,6 +238,16 @@ class Record:
         What is corrected.
     remark : str
         A sentence for the reader.
+
+    Examples
+    --------
+    The verdict follows from the numbers; no digit is shown beyond their uncertainty:
+
+    >>> from lissome import scoreboard
+    >>> facts = {"value": 65.13, "spread": 0.2}
+    >>> record = scoreboard.record("strip-best-angle-095", as_printed=facts, uncertainty=0.04)
+    >>> record.verdict.name, record.computed(), record.difference()
+    ('REPRODUCED', '65.13(4)', '0.03')
     """
 
     claim: Claim
@@ -272,17 +312,35 @@ class Record:
         return None if facts is None or "value" not in facts else float(facts["value"])
 
     def computed(self, style: str = "text") -> str:
-        """Return the headline number with its uncertainty; empty if the claim has none."""
+        """Return the headline number with its uncertainty; empty if the claim has none.
+
+        Parameters
+        ----------
+        style : {"text", "unicode", "latex"}
+            How powers of ten are written.
+        """
         if self.value is None or self.uncertainty is None:
             return ""
         return with_uncertainty(self.value, self.uncertainty, style)
 
     def independently(self, style: str = "text") -> str:
-        """Return the number of the independent method with its uncertainty, or nothing."""
+        """Return the number of the independent method with its uncertainty, or nothing.
+
+        Parameters
+        ----------
+        style : {"text", "unicode", "latex"}
+            How powers of ten are written.
+        """
         return "" if self.independent is None else with_uncertainty(*self.independent, style)
 
     def difference(self, style: str = "text") -> str:
-        """Return computed minus printed, rounded where the uncertainty begins, or nothing."""
+        """Return computed minus printed, rounded where the uncertainty begins, or nothing.
+
+        Parameters
+        ----------
+        style : {"text", "unicode", "latex"}
+            How powers of ten are written.
+        """
         if self.value is None or self.uncertainty is None or math.isnan(self.claim.value):
             return ""
         return rounded(self.value - self.claim.value, self.uncertainty, style)
@@ -340,6 +398,16 @@ def record(
         If the claim is unknown, has no judge or belongs to another page, if a fact is missing,
         unknown, of the wrong kind or not finite, if the independent number contradicts the
         computed one, or if the claim has been recorded before in this build.
+
+    Examples
+    --------
+    A number without its uncertainty is refused:
+
+    >>> from lissome import scoreboard
+    >>> scoreboard.record("strip-best-angle-095", as_printed={"value": 65.13, "spread": 0.2})
+    Traceback (most recent call last):
+        ...
+    lissome.errors.InvalidInput: argument `uncertainty` is missing; ...
     """
     about = _claim(claim)
     judge = _judge(about)
@@ -505,6 +573,15 @@ class Row:
         The claim.
     record : Record or None
         What its page recorded.
+
+    Examples
+    --------
+    A claim that no page has recorded is pending:
+
+    >>> from lissome import scoreboard
+    >>> row = scoreboard.Row(scoreboard.claims()["lambda-typical"], None)
+    >>> row.verdict.value, row.why
+    ('pending', '')
     """
 
     claim: Claim
@@ -531,6 +608,13 @@ class Board:
         In the order of ``claims.csv``.
     missing : tuple of Claim
         Claims whose page is written but has recorded nothing: an error of the book.
+
+    Examples
+    --------
+    >>> from lissome import scoreboard
+    >>> empty = scoreboard.Board((), ())
+    >>> sum(empty.counts().values()), empty.to_csv().splitlines()[0]
+    (0, 'id,printed,computed,independent,difference,uncertainty,unit,verdict')
     """
 
     rows: tuple[Row, ...]
@@ -590,6 +674,19 @@ def board(folder: str | os.PathLike[str], written: Collection[str]) -> Board:
     ------
     DataError
         If a record is damaged.
+
+    Examples
+    --------
+    Before any page has run, all claims are pending, and those of written pages are missing:
+
+    >>> import tempfile
+    >>> from lissome import scoreboard
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     board = scoreboard.board(folder, written=["a-strain-gradients"])
+    >>> board.counts()[scoreboard.Verdict.PENDING] == len(board.rows)
+    True
+    >>> {claim.page for claim in board.missing}
+    {'a-strain-gradients'}
     """
     found = {path.stem: _read(path) for path in sorted(Path(folder).glob("*.json"))}
     rows = tuple(Row(claim, found.get(id)) for id, claim in claims().items())

@@ -51,7 +51,16 @@ __all__ = [
 
 
 class Outcome(Enum):
-    """What a check says."""
+    """What a check says.
+
+    Examples
+    --------
+    A check may also find that a reading of the text decides, or that measured data are not there:
+
+    >>> from lissome.judges import Outcome
+    >>> [outcome.value for outcome in Outcome]
+    ['holds', 'fails', 'undetermined', 'awaits']
+    """
 
     HOLDS = "holds"
     FAILS = "fails"
@@ -61,7 +70,21 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Check:
-    """One check: its outcome and a sentence that says it."""
+    """One check: its outcome and a sentence that says it.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        Whether it holds.
+    sentence : str
+        What was checked and found, for the reader.
+
+    Examples
+    --------
+    >>> from lissome.judges import Check, Outcome
+    >>> Check(Outcome.HOLDS, "three equilibria below the limit pressure").outcome.value
+    'holds'
+    """
 
     outcome: Outcome
     sentence: str
@@ -78,7 +101,13 @@ class Need:
     meaning : str
         What it is, with its unit.
     required : bool
-        Whether it may be left out.
+        Whether it must be there; others only add to the sentence.
+
+    Examples
+    --------
+    >>> from lissome.judges import JUDGES
+    >>> JUDGES["strip-best-angle-095"].needs["value"]
+    Need(kind='number', meaning='angle of the greatest frequency, degrees', required=True)
     """
 
     kind: str
@@ -115,7 +144,22 @@ Fact = float | bool | npt.NDArray[Any]
 
 
 class Facts(Mapping[str, Any]):
-    """Checked facts, with the uncertainty of the headline number (NaN where there is none)."""
+    """Checked facts, with the uncertainty of the headline number (NaN where there is none).
+
+    Parameters
+    ----------
+    facts : mapping of str to float, bool or ndarray
+        What a page recorded, in canonical types.
+    uncertainty : float
+        Of the headline number.
+
+    Examples
+    --------
+    >>> from lissome.judges import Facts
+    >>> facts = Facts({"value": 65.13}, uncertainty=0.04)
+    >>> facts["value"], facts.uncertainty
+    (65.13, 0.04)
+    """
 
     def __init__(self, facts: Mapping[str, Any], uncertainty: float) -> None:
         self._facts = MappingProxyType(dict(facts))
@@ -146,6 +190,20 @@ class Judge:
         The facts that a page has to record. ``value`` is the headline number.
     decide : callable
         From claim and facts to checks; all must hold.
+
+    Examples
+    --------
+    The same facts always lead to the same verdict; no page has a say in it:
+
+    >>> from lissome.judges import JUDGES
+    >>> from lissome.scoreboard import claims
+    >>> judge = JUDGES["strip-best-angle-095"]
+    >>> for angle in (65.1, 70.0):
+    ...     facts = judge.checked("as_printed", {"value": angle, "spread": 0.2}, 0.04)
+    ...     checks = judge.decide(claims()[judge.id], facts)
+    ...     print(all(check.outcome.value == "holds" for check in checks))
+    True
+    False
     """
 
     id: str
@@ -158,7 +216,22 @@ class Judge:
         return "value" in self.needs
 
     def checked(self, argument: str, facts: object, uncertainty: float | None) -> Facts:
-        """Return the facts in canonical types, or raise :class:`InvalidInput`."""
+        """Return the facts in canonical types.
+
+        Parameters
+        ----------
+        argument : str
+            What they are called in messages.
+        facts : mapping, or float
+            What was recorded; a bare number stands for ``{"value": number}``.
+        uncertainty : float or None
+            Of the headline number.
+
+        Raises
+        ------
+        InvalidInput
+            If a fact is missing, unknown, of the wrong kind or not finite.
+        """
         if not isinstance(facts, Mapping):
             if set(self._required()) - {"value"} or not self.has_value:
                 raise InvalidInput(

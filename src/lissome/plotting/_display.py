@@ -103,6 +103,11 @@ def figure(
     axes : matplotlib.axes.Axes or numpy.ndarray of them
         One axes, or an array as ``subplots`` returns it.
 
+    Raises
+    ------
+    InvalidInput
+        If there are fewer letters than axes.
+
     Examples
     --------
     >>> drawing, axes = figure(1, 2, size=(6, 2.5), panels=True)
@@ -228,6 +233,16 @@ class Drawing:
         The static twin, PNG on white.
     alt : str
         What the picture shows, in words.
+
+    Examples
+    --------
+    A picture brings everything with it: what a page shows, what is printed, what is read aloud.
+
+    >>> from lissome.plotting import figure, show
+    >>> fig, ax = figure(size=(2, 1))
+    >>> drawing = show(fig, alt="axes without a curve")
+    >>> "https://" in drawing.markup, drawing.still[1:4], drawing.alt
+    (False, b'PNG', 'axes without a curve')
     """
 
     markup: str

@@ -66,6 +66,19 @@ def animate(
     -------
     Drawing
         With ``markup`` holding the animation as data; its attribute ``still`` is a PNG.
+
+    Raises
+    ------
+    InvalidInput
+        If there are fewer than 2 frames, a number is out of its range, or `alt` says nothing.
+
+    Examples
+    --------
+    >>> from lissome.plotting import animate, figure
+    >>> fig, ax = figure(size=(1, 1))
+    >>> (dot,) = ax.plot([0.0], [0.0], "o")
+    >>> animate(fig, lambda i: dot.set_xdata([i / 4]), 4, alt="a dot that moves to the right")
+    Drawing('a dot that moves to the right')
     """
     frames = integer_at_least("frames", frames, 2)
     seconds = positive("seconds", seconds, unit="s")

@@ -41,6 +41,11 @@ def ray_direction(angle: float) -> Array:
     numpy.ndarray, shape (2,)
         ``(sin angle, -cos angle)``.
 
+    Raises
+    ------
+    InvalidInput
+        If `angle` is not finite.
+
     Examples
     --------
     >>> bool(np.allclose(ray_direction(0.0), [0.0, -1.0]))
@@ -65,6 +70,7 @@ def light_arrows(
     Parameters
     ----------
     ax : matplotlib.axes.Axes
+        The axes.
     direction : array_like, shape (2,)
         Along which the light travels, see :func:`ray_direction`; its length does not matter.
     target : array_like, shape (2,)
@@ -75,6 +81,24 @@ def light_arrows(
         Number of rays.
     hue : str, optional
         A role of the palette.
+
+    Raises
+    ------
+    InvalidInput
+        If the direction is zero, or a number is out of its range.
+
+    Examples
+    --------
+    Rays from straight above that end at one height:
+
+    >>> import numpy as np
+    >>> from lissome.plotting import figure, light_arrows, ray_direction
+    >>> fig, ax = figure(size=(2, 1))
+    >>> light_arrows(ax, ray_direction(0.0), [0.5, 0.2], width=0.2, count=3)
+    >>> print(np.array([ray.xy for ray in ax.texts]).round(6))
+    [[0.4 0.2]
+     [0.5 0.2]
+     [0.6 0.2]]
     """
     along = finite_array("direction", direction, shape=(2,))
     norm = float(np.linalg.norm(along))
@@ -102,13 +126,30 @@ def curve(ax: Axes, positions: npt.ArrayLike, *, hue: str | int = "blue", **styl
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-        Its aspect is set to equal.
+        The axes; their aspect is set to equal.
     positions : array_like, shape (n, 2)
         Points along the curve.
     hue : str or int, optional
         A role of the palette or the number of a series.
     **style
         Of the line.
+
+    Raises
+    ------
+    InvalidInput
+        If the shape of `positions` is wrong, or there is no such role.
+
+    Examples
+    --------
+    A circle looks like one:
+
+    >>> import numpy as np
+    >>> from lissome.plotting import color, curve, figure
+    >>> fig, ax = figure(size=(4, 2))
+    >>> u = np.linspace(0, 2 * np.pi, 50)
+    >>> line = curve(ax, np.stack([np.cos(u), np.sin(u)], axis=1), hue="orange")
+    >>> ax.get_aspect(), line.get_color() == color("orange")
+    (1.0, True)
     """
     points = finite_array("positions", positions, shape=(None, 2))
     style = {"lw": 2.4, "solid_capstyle": "round", "color": color(hue), **style}
@@ -117,7 +158,32 @@ def curve(ax: Axes, positions: npt.ArrayLike, *, hue: str | int = "blue", **styl
 
 
 def clamps(ax: Axes, left: float, right: float, *, height: float = 0.05) -> None:
-    """Draw the two clamps of a strip as blocks at ``y = 0`` beyond `left` and `right`."""
+    """Draw the two clamps of a strip as blocks at ``y = 0`` beyond `left` and `right`.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        The axes.
+    left, right : float
+        Where the strip leaves the clamps, in the units of the axes.
+    height : float, optional
+        Height of the blocks, which are as wide as high.
+
+    Raises
+    ------
+    InvalidInput
+        If a number is not finite, or the height is not positive.
+
+    Examples
+    --------
+    The strip lies between the blocks:
+
+    >>> from lissome.plotting import clamps, figure
+    >>> fig, ax = figure(size=(2, 1))
+    >>> clamps(ax, 0.0, 0.95, height=0.1)
+    >>> [(block.get_x(), block.get_x() + block.get_width()) for block in ax.patches]
+    [(-0.1, 0.0), (0.95, 1.05)]
+    """
     left, right = finite("left", left), finite("right", right)
     height = positive("height", height)
     for x in (left - height, right):
@@ -127,7 +193,33 @@ def clamps(ax: Axes, left: float, right: float, *, height: float = 0.05) -> None
 
 
 def ground(ax: Axes, left: float, right: float, *, level: float = 0.0, depth: float = 0.02) -> None:
-    """Draw a rigid floor from `left` to `right` whose surface is at `level`."""
+    """Draw a rigid floor from `left` to `right` whose surface is at `level`.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        The axes.
+    left, right : float
+        Ends of the floor, in the units of the axes.
+    level : float, optional
+        Height of its surface.
+    depth : float, optional
+        How far the shading reaches below it.
+
+    Raises
+    ------
+    InvalidInput
+        If `left` or `right` is not finite.
+
+    Examples
+    --------
+    >>> from lissome.plotting import figure, ground
+    >>> fig, ax = figure(size=(2, 1))
+    >>> ground(ax, 0.0, 2.0, level=-0.5)
+    >>> (surface,) = ax.lines
+    >>> print(surface.get_ydata())
+    [-0.5 -0.5]
+    """
     left, right = finite("left", left), finite("right", right)
     ax.plot([left, right], [level, level], color=color("ink"), lw=1.0, zorder=0)
     ax.fill_between(
@@ -136,13 +228,44 @@ def ground(ax: Axes, left: float, right: float, *, level: float = 0.0, depth: fl
 
 
 def bare(ax: Axes) -> None:
-    """Take away ticks and frame of axes that only hold a drawing to scale."""
+    """Take away ticks and frame of axes that only hold a drawing to scale.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        The axes.
+
+    Examples
+    --------
+    >>> from lissome.plotting import bare, figure
+    >>> fig, ax = figure(size=(2, 1))
+    >>> bare(ax)
+    >>> ax.axison
+    False
+    """
     ax.set_aspect("equal", adjustable="box")
     ax.set_axis_off()
 
 
 def legend(ax: Axes, **options: Any) -> None:
-    """Add a legend in the style of the book."""
+    """Add a legend in the style of the book.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        The axes, with labeled curves.
+    **options
+        Passed on to :meth:`matplotlib.axes.Axes.legend`.
+
+    Examples
+    --------
+    >>> from lissome.plotting import figure, legend
+    >>> fig, ax = figure(size=(3, 2))
+    >>> lines = ax.plot([0, 1], label="stable")
+    >>> legend(ax, loc="upper left")
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
+    ['stable']
+    """
     with mpl.rc_context(STYLE):
         ax.legend(**{"fontsize": 8.5, "handlelength": 1.6, **options})
 
@@ -168,6 +291,7 @@ def heatmap(
     Parameters
     ----------
     ax : matplotlib.axes.Axes
+        The axes.
     x : array_like, shape (n,)
         Increasing.
     y : array_like, shape (m,)
@@ -186,6 +310,20 @@ def heatmap(
     Returns
     -------
     matplotlib.collections.QuadMesh
+
+    Raises
+    ------
+    InvalidInput
+        If shapes do not fit, or `x` or `y` does not increase.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.plotting import figure, heatmap
+    >>> fig, ax = figure(size=(3, 2))
+    >>> mesh = heatmap(ax, [0.9, 0.95], [1.0, 10.0], [[2.0, 3.0], [np.nan, 5.0]], "period")
+    >>> mesh.get_clim(), int(mesh.get_array().mask.sum())
+    ((2.0, 5.0), 1)
     """
     x, y = finite_array("x", x, shape=(None,)), finite_array("y", y, shape=(None,))
     table = np.array(values, dtype=float)

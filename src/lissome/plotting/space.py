@@ -67,6 +67,22 @@ def show3d(
     -------
     Drawing
         Its markup expects the page to load plotly.js, and asks for nothing else.
+
+    Raises
+    ------
+    InvalidInput
+        If `fig` is no plotly figure, `alt` says nothing, or the height is not positive.
+
+    Examples
+    --------
+    Nothing is asked of a network:
+
+    >>> import plotly.graph_objects as go
+    >>> from lissome.plotting import show3d
+    >>> helix = go.Scatter3d(x=[1, 0, -1], y=[0, 1, 0], z=[0, 1, 2], mode="lines")
+    >>> drawing = show3d(go.Figure(helix), "a line that winds upward")
+    >>> drawing, "https://" in drawing.markup
+    (Drawing('a line that winds upward'), False)
     """
     import plotly.graph_objects as go
 
@@ -130,6 +146,15 @@ def static_twin(fig: Any) -> Any:
     ------
     InvalidInput
         If a trace is of another kind: pass your own `twin` to :func:`show3d` then.
+
+    Examples
+    --------
+    >>> import plotly.graph_objects as go
+    >>> from lissome.plotting import static_twin
+    >>> helix = go.Scatter3d(x=[1, 0, -1], y=[0, 1, 0], z=[0, 1, 2], mode="lines")
+    >>> (axes,) = static_twin(go.Figure(helix)).axes
+    >>> axes.name, len(axes.lines)
+    ('3d', 1)
     """
     picture, ax = figure(size=(6.0, 4.6), subplot_kw={"projection": "3d"})
     ends = []
