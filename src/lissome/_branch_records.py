@@ -23,6 +23,15 @@ Outputs = Mapping[str, Callable[[Equilibrium], float]]
 class BranchInterrupted(NotConverged):
     """A branch could not be followed to its end. What was found is attached.
 
+    Parameters
+    ----------
+    message : str
+        Where the branch ended, and what to try.
+    branch : Branch, optional
+        What was found.
+    history, state : object, optional
+        Record of the last correction, and the last state.
+
     Attributes
     ----------
     branch : Branch

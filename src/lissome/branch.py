@@ -70,8 +70,13 @@ class Branch:
     equilibria : tuple of Equilibrium
         The states of the rows.
     events : tuple of Event
+        Folds, bifurcations and snaps, in the order in which they were met.
     finished : bool
         Whether the branch came to its end; False for what an interruption has left.
+    family, outputs, derivative
+        What was followed: the arguments of :func:`follow`.
+    rows, settings
+        The equilibria and options in the form in which :meth:`save` writes them.
 
     Examples
     --------
@@ -218,7 +223,7 @@ class Branch:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the branch to one ``.npz`` file (arrays and JSON, no pickle), all or nothing."""
+        """Write the branch to the file `path` (.npz: arrays and JSON, no pickle), all or nothing."""
         meta, arrays = pack(self.rows, self.events, self.settings, self.finished)
         _archive.write(path, meta, arrays)
 
