@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,20 @@ from numpy.typing import NDArray
 from .errors import DataError, InvalidInput
 
 _META = "__meta__"
+_NAMES = "__names__"
+
+#: What numpy and zipfile raise for a damaged file: a bit may ask for a password or a new version.
+UNREADABLE = (
+    EOFError,
+    KeyError,
+    NotImplementedError,
+    OSError,
+    RuntimeError,
+    TypeError,  # one array where many should be
+    ValueError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def write(path: str | os.PathLike[str], meta: dict[str, Any], arrays: dict[str, Any]) -> None:
@@ -31,12 +46,17 @@ def write(path: str | os.PathLike[str], meta: dict[str, Any], arrays: dict[str, 
             f"the folder of {path} does not exist; create it, or name a file in another folder"
         )
     partial = path.with_name(path.name + ".partial")
-    with open(partial, "wb") as file:
-        # np.savez wants keywords; its type stubs take **arrays for `allow_pickle`.
-        np.savez(file, **{_META: np.array(json.dumps(meta))}, **arrays)  # type: ignore[arg-type]
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(partial, path)
+    try:
+        with open(partial, "wb") as file:
+            # np.savez wants keywords; its type stubs take **arrays for `allow_pickle`.
+            text = json.dumps({**meta, _NAMES: sorted(arrays)})
+            np.savez(file, **{_META: np.array(text)}, **arrays)  # type: ignore[arg-type]
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except BaseException:  # a full disk is not filled further by what nobody reads
+        partial.unlink(missing_ok=True)
+        raise
 
 
 def read(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -54,11 +74,15 @@ def read(path: str | os.PathLike[str], kind: str) -> tuple[dict[str, Any], dict[
         meta = json.loads(str(arrays.pop(_META)))
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise DataError(f"the file {path} is damaged or is not a saved {kind}: {error}") from error
     if not isinstance(meta, dict) or meta.get("kind") != kind:
         found = meta.get("kind") if isinstance(meta, dict) else type(meta).__name__
         raise DataError(f"the file {path} holds a {found}; a {kind} was asked for")
+    if meta.pop(_NAMES, None) != sorted(arrays):  # the index of the file is not part of a checksum
+        raise DataError(
+            f"the file {path} is damaged: it does not hold the arrays that were written"
+        )
     return meta, arrays
 
 

@@ -30,7 +30,57 @@ __all__ = ["Descriptor", "data_folder", "nearest", "parse_csv", "write_atomicall
 
 PROVENANCES = ("published", "derived", "digitized")
 PACKAGE = "datapackage.json"
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+# What a description must hold: a type, a list of one kind, or a mapping ("?": may be missing,
+# "*": any other name). Everything else in it is for people.
+_NUMERIC = (int, float)
+_FIELD: dict[str, Any] = {
+    "name": str,
+    "type": str,
+    "unit?": str,
+    "description?": str,
+    "constraints?": {
+        "required?": bool,
+        "unique?": bool,
+        "minimum?": _NUMERIC,
+        "maximum?": _NUMERIC,
+        "enum?": [(str, *_NUMERIC)],
+        "pattern?": str,
+    },
+}
+_SCHEMA: dict[str, Any] = {"fields": [_FIELD], "primaryKey?": [str]}
+_SOURCES = [{"title": str, "path?": str, "place?": str}]
+_RESOURCE: dict[str, Any] = {
+    "name": str,
+    "path": str,
+    "title": str,
+    "description": str,
+    "provenance": str,
+    "licenses": [{"name": str}],
+    "sources?": _SOURCES,
+    "schema": _SCHEMA,
+    "digitization?": {"*": object},
+    "sealed?": bool,
+}
+_SLOT: dict[str, Any] = {
+    "name": str,
+    "title": str,
+    "figure": str,
+    "description": str,
+    "instructions": [str],
+    "sources": _SOURCES,
+    "schema": _SCHEMA,
+    "declare": {"*": {"description": str, "enum?": [str]}},
+    "monotone?": {"column": str, "within": [str]},
+}
+_PACKAGE: dict[str, Any] = {
+    "licenses": [{"name": str}],
+    "resources": [_RESOURCE],
+    "awaited": [_SLOT],
+}
+# Names become names of files: nothing leads out of the folder.
+_NAME = re.compile(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?", re.ASCII)
 
 
 def data_folder(folder: str | os.PathLike[str] | None = None) -> Path:
@@ -76,18 +126,12 @@ class Descriptor:
         self.path = self.folder / PACKAGE
         try:
             content = json.loads(self.path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise DataError(
                 f"{self.path}: expected a JSON data package, found {error}; restore the file"
             ) from error
-        parts = ("resources", "awaited")
-        if not isinstance(content, dict) or any(
-            not isinstance(content.get(part), list) for part in parts
-        ):
-            raise DataError(
-                f"{self.path}: expected an object with the lists 'resources' and 'awaited'; "
-                "restore the file"
-            )
+        if fault := _fault(content, _PACKAGE, "") or _inconsistency(content):
+            raise DataError(f"{self.path}: {fault}; restore the file")
         self.content: dict[str, Any] = content
         self.resources: dict[str, dict[str, Any]] = {r["name"]: r for r in content["resources"]}
         self.slots: dict[str, dict[str, Any]] = {s["name"]: s for s in content["awaited"]}
@@ -122,6 +166,77 @@ class Descriptor:
         """Write ``datapackage.json`` anew, in one step."""
         text = json.dumps(self.content, indent=2, ensure_ascii=False) + "\n"
         write_atomically(self.path, text.encode("utf-8"))
+
+
+def _fault(value: Any, shape: Any, where: str) -> str | None:
+    """Say in words where a value is not of a shape; see `_PACKAGE`."""
+    place = where.lstrip(".") or "the whole"
+    if isinstance(shape, list):
+        if not isinstance(value, list):
+            return f"expected a list, found {_kind(value)}, at {place}"
+        faults = (_fault(item, shape[0], f"{where}[{i}]") for i, item in enumerate(value))
+        return next((fault for fault in faults if fault), None)
+    if isinstance(shape, dict):
+        if not isinstance(value, dict):
+            return f"expected an object, found {_kind(value)}, at {place}"
+        for name, inner in shape.items():
+            key = name.removesuffix("?")
+            if name == "*":
+                faults = (_fault(item, inner, f"{where}.{key}") for key, item in value.items())
+                if fault := next((fault for fault in faults if fault), None):
+                    return fault
+            elif key in value:
+                if fault := _fault(value[key], inner, f"{where}.{key}"):
+                    return fault
+            elif key == name:
+                return f"expected '{key}', which is missing, at {place}"
+        return None
+    # a flag is a number in Python, but none in JSON
+    if not isinstance(value, shape) or (isinstance(value, bool) and shape not in (bool, object)):
+        return f"found {_kind(value)}, which does not belong there, at {place}"
+    return None
+
+
+def _kind(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def _inconsistency(content: Mapping[str, Any]) -> str | None:
+    """Say in words what is wrong in a description whose parts have the right shapes."""
+    for part in ("resources", "awaited"):
+        names = [item["name"] for item in content[part]]
+        for item in content[part]:
+            name, schema = item["name"], item["schema"]
+            if not _NAME.fullmatch(name) or names.count(name) > 1:
+                return f"expected a name of a-z, 0-9 and - that is used once, found {name!r}"
+            path = item.get("path", "")
+            if path.startswith((".", "/")) or re.search(r"[\\:]|/\.", path):
+                return f"table '{name}': expected a file in the folder, found the path {path!r}"
+            columns = {field["name"]: field for field in schema["fields"]}
+            if not columns or len(columns) != len(schema["fields"]):
+                return f"table '{name}': expected columns of different names"
+            for column, field in columns.items():
+                if field["type"] not in ("string", "number"):
+                    return (
+                        f"table '{name}', column '{column}': the type {field['type']!r} is unknown"
+                    )
+                kinds = (str,) if field["type"] == "string" else _NUMERIC
+                if not all(
+                    isinstance(c, kinds) for c in field.get("constraints", {}).get("enum", [])
+                ):
+                    return f"table '{name}', column '{column}': choices of another type than it"
+                try:
+                    re.compile(field.get("constraints", {}).get("pattern", ""))
+                except re.error as error:
+                    return f"table '{name}', column '{column}': the pattern is none ({error})"
+            rule = item.get("monotone", {"column": next(iter(columns)), "within": []})
+            for column in [rule["column"], *rule["within"]]:
+                if column not in columns:
+                    return f"table '{name}': there is no column {column!r}"
+            if "monotone" in item and columns[rule["column"]]["type"] != "number":
+                return f"table '{name}': the column {rule['column']!r} cannot increase"
+    return None
 
 
 def digest(raw: bytes) -> str:
@@ -213,7 +328,8 @@ def _cell(path: Path, number: int, field: Mapping[str, Any], cell: str) -> Any:
     if field["type"] == "number":
         bare = cell.strip(" \t")  # other white space is a sign of damage
         value = float(bare) if _NUMBER.fullmatch(bare) else math.nan
-        if not math.isfinite(value):
+        vanished = value == 0.0 and re.search("[1-9]", re.split("[eE]", bare)[0])
+        if not math.isfinite(value) or vanished:  # too large or too small for a float
             raise DataError(
                 f"{where}: expected {_wanted(field)}, found {cell!r}; write one number a cell, "
                 "with a point and without unit"

@@ -20,11 +20,22 @@ from .errors import DataError, InvalidInput
 __all__ = ["check_declarations", "check_points", "check_tool", "check_uncertainty", "read_axes"]
 
 
+_LARGEST = 20 * 2**20  # bytes of a project without its image; a compressed one may pretend
+
+
 def check_points(path: Path, slot: Mapping[str, Any], columns: Mapping[str, Any]) -> None:
     """Refuse too few points, and points that do not advance where the slot demands it."""
     count = len(next(iter(columns.values())))
     if count < 3:
         raise DataError(f"{path}: expected at least 3 points, found {count}; digitize the figure")
+    for name, column in columns.items():
+        for row, cell in enumerate(column.tolist()):
+            # A spreadsheet would run it as soon as somebody opens the stored table.
+            if isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r")):
+                raise DataError(
+                    f"{path}, row {row + 2}, column '{name}': expected text, found the formula "
+                    f"{cell!r}; write it without the first character"
+                )
     rule = slot.get("monotone")
     if rule is None:
         return
@@ -114,7 +125,7 @@ def read_axes(path: Path) -> tuple[bytes, list[dict[str, Any]]]:
         project = json.loads(raw)
         collection = project["axesColl"]
         found = [_axes(axes) for axes in collection]
-    except (OSError, ValueError, KeyError, TypeError, IndexError, tarfile.TarError) as error:
+    except Exception as error:  # JSON, tar, compression: each has errors of its own
         raise DataError(
             f"{path}: expected a WebPlotDigitizer project with calibrated XY axes, found "
             f"{type(error).__name__}: {error}; {remedy}"
@@ -126,14 +137,21 @@ def read_axes(path: Path) -> tuple[bytes, list[dict[str, Any]]]:
 
 def _project(path: Path) -> bytes:
     if not tarfile.is_tarfile(path):
-        return path.read_bytes()
+        with path.open("rb") as plain:
+            return _limited(plain.read(_LARGEST + 1))
     with tarfile.open(path) as archive:
         for member in archive.getmembers():
             if Path(member.name).name == "wpd.json":
                 stream = archive.extractfile(member)
                 if stream is not None:
-                    return stream.read()
+                    return _limited(stream.read(_LARGEST + 1))
     raise ValueError("an archive without wpd.json")
+
+
+def _limited(raw: bytes) -> bytes:
+    if len(raw) > _LARGEST:
+        raise ValueError(f"more than {_LARGEST} bytes")
+    return raw
 
 
 def _axes(axes: Mapping[str, Any]) -> dict[str, Any]:
@@ -151,10 +169,8 @@ def _axes(axes: Mapping[str, Any]) -> dict[str, Any]:
     for label, values, ends in (("x", x, pixels[:2]), ("y", y, pixels[2:4])):
         if values[0] == values[1] or np.array_equal(ends[0], ends[1]):
             raise ValueError(f"the two calibration points of the {label} axis coincide")
-    return {
-        "name": str(axes.get("name", "")),
-        "x": x,
-        "y": y,
-        "log_x": bool(axes.get("isLogX", axes.get("isLog", False))),
-        "log_y": bool(axes.get("isLogY", False)),
-    }
+    log_x, log_y = bool(axes.get("isLogX", axes.get("isLog", False))), bool(axes.get("isLogY"))
+    for label, values, logarithmic in (("x", x, log_x), ("y", y, log_y)):
+        if logarithmic and min(values) <= 0:
+            raise ValueError(f"a logarithmic {label} axis with the value {min(values):g}")
+    return {"name": str(axes.get("name", "")), "x": x, "y": y, "log_x": log_x, "log_y": log_y}

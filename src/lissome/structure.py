@@ -14,7 +14,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +22,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._archive import UNREADABLE
 from .errors import DataError, InvalidInput
 from .factorization import DenseKKT, Factorization, KKTMatrix
 
@@ -694,7 +694,7 @@ def load_state(path: str | os.PathLike[str], cls: type[Any]) -> Any:
             arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise DataError(
             f"the file {path} is not a saved state, or it is damaged: {error}"
         ) from error
