@@ -23,7 +23,7 @@ _LARGEST_EXPONENT = 40.0
 
 @runtime_checkable
 class Section(Protocol):
-    """What :meth:`~lissome.rods.Kirchhoff.from_section` asks of a cross-section.
+    r"""What :meth:`~lissome.rods.Kirchhoff.from_section` asks of a cross-section.
 
     Examples
     --------
