@@ -21,6 +21,50 @@ _CONFIG = {
     "modeBarButtonsToRemove": ["sendChartToCloud", "resetCameraLastSave3d", "hoverClosest3d"],
 }
 
+# What the mouse does can be done from the keyboard: turn, zoom, move the slider. The wheel zooms
+# with the control key only: nobody gets stuck in a figure on the way down a page.
+_KEYS = """
+(function () {
+  var plot = document.getElementById("{plot_id}"), turn = Math.PI / 24;
+  plot.tabIndex = 0;
+  plot.addEventListener("wheel", function (event) {  // the wheel scrolls the page, as everywhere
+    if (!event.ctrlKey) event.stopPropagation();
+  }, {capture: true, passive: true});
+  function look(move) {
+    var change = {};
+    Object.keys(plot._fullLayout).filter(function (key) {
+      return /^scene[0-9]*$/.test(key);
+    }).forEach(function (scene) {
+      var eye = plot._fullLayout[scene]._scene.getCamera().eye;
+      var far = Math.hypot(eye.x, eye.y, eye.z), round = Math.atan2(eye.y, eye.x) + move.round;
+      var high = Math.asin(eye.z / far) + move.high;
+      high = Math.max(-1.5, Math.min(1.5, high));
+      far = Math.max(0.2, Math.min(8, far * move.far));
+      change[scene + ".camera.eye"] = {x: far * Math.cos(high) * Math.cos(round),
+        y: far * Math.cos(high) * Math.sin(round), z: far * Math.sin(high)};
+    });
+    Plotly.relayout(plot, change);
+  }
+  function slide(by) {
+    var bar = plot._fullLayout.sliders && plot._fullLayout.sliders[0];
+    if (!bar) return;
+    var next = Math.max(0, Math.min(bar.steps.length - 1, bar.active + by));
+    Plotly[bar.steps[next].method].apply(null, [plot].concat(bar.steps[next].args));
+    Plotly.relayout(plot, {"sliders[0].active": next});
+  }
+  var moves = {ArrowLeft: [-turn, 0, 1], ArrowRight: [turn, 0, 1], ArrowUp: [0, turn, 1],
+    ArrowDown: [0, -turn, 1], "+": [0, 0, 0.9], "-": [0, 0, 1 / 0.9]};
+  plot.addEventListener("keydown", function (event) {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    var move = moves[event.key];
+    if (move) look({round: move[0], high: move[1], far: move[2]});
+    else if (event.key === "," || event.key === ".") slide(event.key === "." ? 1 : -1);
+    else return;
+    event.preventDefault();
+  });
+})();
+"""
+
 # Axes and text take the color of the page's own text, also after the reader switches the theme.
 _FOLLOW_THEME = """
 (function () {
@@ -48,6 +92,9 @@ def show3d(
     fig: Any, alt: str, *, height: float = 460.0, twin: Any = None, equal: bool = True
 ) -> Drawing:
     """Return a plotly figure for display in an offline page.
+
+    The reader turns it with mouse, finger or, once it has the focus, the arrow keys; ``+`` and
+    ``-``, or the wheel with the control key, zoom, and comma and period move a slider.
 
     Parameters
     ----------
@@ -116,7 +163,7 @@ def show3d(
         config=_CONFIG,
         div_id=name,
         default_height=f"{height:g}px",
-        post_script=_FOLLOW_THEME,
+        post_script=[_FOLLOW_THEME, _KEYS],
     )
     image = data_uri(webp(still), "image/webp")
     markup = (
