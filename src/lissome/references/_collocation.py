@@ -16,6 +16,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
 
 from ..errors import NotConverged
 
@@ -97,8 +99,8 @@ class Family:
     Parameters
     ----------
     right : callable
-        f(y, p) with y of shape (n, points), analytic in y and p: derivatives are taken by complex
-        steps.
+        f(y, p) with y of shape (n, points) and p of shape (q,) or (q, points), analytic in y and p:
+        derivatives are taken by complex steps.
     ends : callable
         g(y(a), y(b), p), n + q - 1 conditions.
     mesh : ndarray
@@ -112,6 +114,7 @@ class Family:
         self.ends = ends
         self.mesh = np.asarray(mesh, dtype=float)
         self.stages = stages
+        self._latest: tuple[Point, tuple[Array, Array, Array]] | None = None
 
     def start(self, values: Array, parameters: Array) -> Point:
         """Return a first guess that interpolates `values` at the mesh, shape (m + 1, n)."""
@@ -168,7 +171,7 @@ class Family:
 
         Nodal values and parameters; without `towards`, parameter number `which` grows along it.
         """
-        matrix, _, _ = self._linearize(point)
+        matrix, _, _ = self._linearized(point)
         weight = self._weight(point)
         row = np.zeros(matrix.shape[1])
         if towards is None:
@@ -177,13 +180,13 @@ class Family:
             row = weight * towards
         right = np.zeros(len(row))
         right[-1] = 1.0
-        found = np.linalg.solve(np.vstack([matrix, row]), right)
+        found = _solve(np.vstack([matrix, row]), right)
         return np.asarray(found / np.sqrt(np.sum(weight * found * found)))
 
     def step(self, point: Point, tangent: Array, length: float) -> Point:
         """Return the solution in the plane normal to `tangent` at the distance `length`."""
         row = self._weight(point) * tangent
-        _, _, sensitivity = self._linearize(point)
+        _, _, sensitivity = self._linearized(point)
         guess = self._moved(point, length * tangent, sensitivity, homogeneous=True)
         return self._newton(guess, row, float(row @ self._flat(point)) + length, 1e-11, 9)
 
@@ -228,7 +231,7 @@ class Family:
             whole = np.vstack([matrix, row])
             right = np.append(residual, value - row @ flat)
             try:
-                change: Array = np.asarray(np.linalg.solve(whole, right), dtype=float)
+                change = _solve(whole, right)
             except np.linalg.LinAlgError as error:
                 raise NotConverged("the collocation equations are singular") from error
             size = float(np.abs(change).max())
@@ -255,6 +258,12 @@ class Family:
         return Point(
             self.mesh, point.nodes + nodes, point.slopes + slopes, point.parameters + parameters
         )
+
+    def _linearized(self, point: Point) -> tuple[Array, Array, Array]:
+        """As :meth:`_linearize`, kept for the latest point: its tangent is followed by a step."""
+        if self._latest is None or self._latest[0] is not point:
+            self._latest = (point, self._linearize(point))
+        return self._latest[1]
 
     def _linearize(self, point: Point) -> tuple[Array, Array, Array]:
         """Newton's equations in nodal values and parameters, stages eliminated element by element.
@@ -300,10 +309,11 @@ class Family:
             slope[:, j] = conditions(shifted).imag / _IMAGINARY
         matrix = np.zeros((m * n + len(here), count * n + q))
         blocks = matrix[: m * n].reshape(m, n, count * n + q)
-        for e in range(m):
-            blocks[e, :, e * n : (e + 1) * n] = -np.eye(n) - moved[e, :, :n]
-            blocks[e, :, (e + 1) * n : (e + 2) * n] = np.eye(n)
-            blocks[e, :, count * n :] = -moved[e, :, n : n + q]
+        by_node = blocks[..., : count * n].reshape(m, n, count, n)
+        element = np.arange(m)
+        by_node[element, :, element] = -np.eye(n) - moved[..., :n]
+        by_node[element, :, element + 1] = np.eye(n)
+        blocks[..., count * n :] = -moved[..., n : n + q]
         matrix[m * n :, :n] = slope[:, :n]
         matrix[m * n :, m * n : count * n] = slope[:, n : 2 * n]
         matrix[m * n :, count * n :] = slope[:, 2 * n :]
@@ -311,17 +321,22 @@ class Family:
         return matrix, right, response
 
 
+def _solve(matrix: Array, right: Array) -> Array:
+    """Solve equations of which most entries vanish: each element knows its two nodes only."""
+    try:
+        return np.asarray(splu(csc_array(matrix)).solve(right))
+    except RuntimeError as error:  # what SuperLU calls singular
+        raise np.linalg.LinAlgError(str(error)) from error
+
+
 def _differentiate(right: Right, y: Array, p: Array) -> tuple[Array, Array, Array]:
     """Value of f and its derivatives by y and p, each with the points last."""
-    n, q = len(y), len(p)
-    by_state = np.empty((n, n, y.shape[1]))
-    by_parameter = np.empty((n, q, y.shape[1]))
-    for j in range(n):
-        shifted = y.astype(complex)
-        shifted[j] += 1j * _IMAGINARY
-        by_state[:, j] = right(shifted, p).imag / _IMAGINARY
-    for j in range(q):
-        moved = p.astype(complex)
-        moved[j] += 1j * _IMAGINARY
-        by_parameter[:, j] = right(y.astype(complex), moved).imag / _IMAGINARY
-    return right(y, p), by_state, by_parameter
+    n, q, points = len(y), len(p), y.shape[1]
+    # all directions in one call: the arrays are small, so that calls cost more than numbers
+    states = np.tile(y.astype(complex), (1, n + q))
+    constants = np.tile(p.astype(complex)[:, None], (1, (n + q) * points))
+    for j in range(n + q):
+        column = slice(j * points, (j + 1) * points)
+        (states if j < n else constants)[j if j < n else j - n, column] += 1j * _IMAGINARY
+    slopes = right(states, constants).imag.reshape(n, n + q, points) / _IMAGINARY
+    return right(y, p), slopes[:, :n], slopes[:, n:]
