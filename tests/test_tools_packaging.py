@@ -10,11 +10,13 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import packages_distributions
+from importlib.metadata import metadata, packages_distributions
 
 import pytest
 import yaml
+from packaging.markers import default_environment
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 import lissome
@@ -64,6 +66,48 @@ def test_lock_satisfies_every_requirement(project, lock):
         assert pin is not None, f"{requirement} is not locked: run `make lock`"
         (version,) = [s.version for s in pin.specifier if s.operator == "=="]
         assert requirement.specifier.contains(version), f"{pin} does not satisfy {requirement}"
+
+
+def test_lock_is_complete_consistent_and_minimal_for_every_python(project, lock, tools):
+    """What pip would resolve, from the metadata of the installed packages, for each Python."""
+    import lock as tool
+
+    roots = [*project["dependencies"]]
+    for extra in project["optional-dependencies"].values():
+        roots += extra
+    needed = set()
+    for python in tool.PYTHONS:
+        environment = default_environment() | {
+            "python_version": python,
+            "python_full_version": f"{python}.9",
+        }
+        waiting, seen = list(map(Requirement, roots)), set()
+        while waiting:
+            requirement = waiting.pop()
+            name, extras = canonicalize_name(requirement.name), frozenset(requirement.extras)
+            pin = lock.get(name)
+            assert pin is not None, f"{requirement} is not locked: run `make lock`"
+            (version,) = [s.version for s in pin.specifier]
+            assert requirement.specifier.contains(version, prereleases=True), (
+                f"{pin} does not satisfy {requirement} on Python {python}"
+            )
+            assert pin.marker is None or pin.marker.evaluate(environment), f"{pin} on {python}"
+            if (name, extras) in seen:
+                continue
+            seen.add((name, extras))
+            about = metadata(name)
+            pythons = SpecifierSet(about.get("Requires-Python") or "")
+            assert pythons.contains(f"{python}.9"), f"{pin} does not run on Python {python}"
+            for line in about.get_all("Requires-Dist", []):
+                further = Requirement(line)
+                if further.marker is None or any(
+                    further.marker.evaluate(environment | {"extra": extra})
+                    for extra in ("", *extras)
+                ):
+                    waiting.append(further)
+        needed |= {name for name, _ in seen}
+    installed = {name for name, pin in lock.items() if not pin.marker or pin.marker.evaluate()}
+    assert installed - needed == set(), "locked, but nobody needs it: run `make lock`"
 
 
 def test_lock_pins_exactly_and_installs_the_library(root, lock):

@@ -108,6 +108,7 @@ def prepare(build: Path) -> None:
     os.environ["JUPYTER_NO_CONFIG"] = "1"
     os.environ["PYDEVD_DISABLE_FILE_VALIDATION"] = "1"  # else the kernel warns on stderr
     os.environ.update(dict.fromkeys(THREADS, "1"))
+    os.environ["PYTHONHASHSEED"] = "0"  # sets have one order, too
     for name in ("MPLBACKEND", "PYTHONSTARTUP"):
         os.environ.pop(name, None)  # MPLBACKEND=Agg would turn every figure off
     os.environ["JUPYTER_PATH"] = str(own_kernel(private / "kernel"))
@@ -234,8 +235,8 @@ def main(arguments: list[str] | None = None) -> int:
         minutes, seconds = divmod(round(time.monotonic() - began), 60)
         unfinished = build / "html.unfinished"
         if status != 0:
-            if isinstance(status, BaseException):  # Sphinx has shown it
-                print(f"\n{type(status).__name__}: {status}")
+            if isinstance(status, OSError):  # Sphinx has shown it, and asks for a report
+                print(f"\n{status}: is there space in {build}? Other folders: make BUILD=...")
             print(f"\nThe book FAILED after {minutes} min {seconds} s: see the messages above.")
             print(f"What there is of it lies in {unfinished}")
             return 1
