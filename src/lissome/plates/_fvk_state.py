@@ -32,6 +32,11 @@ class PlateState:
     x : array_like, shape (size,)
         Copied, and made read-only.
 
+    Raises
+    ------
+    InvalidInput
+        If an array has a wrong shape, or a number that is not finite.
+
     Examples
     --------
     >>> from lissome.plates import meshes

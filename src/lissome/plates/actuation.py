@@ -35,6 +35,19 @@ class SpontaneousHistory:
         Increasing times.
     values : Spontaneous
         With arrays of shape (m,).
+
+    Examples
+    --------
+    An even sheet curves while one side alone is hot, and ends flat, shortened throughout:
+
+    >>> from lissome import plates
+    >>> film = plates.SigmoidCurve(saturation=0.2, transition=100.0, width=10.0)
+    >>> sheet = plates.Laminate([plates.Layer(1.0, 1.0, 0.5, strain=film)])
+    >>> hot, free = plates.FixedTemperature(160.0), plates.Insulated()
+    >>> heat = plates.Conduction(sheet, bottom=hot, top=free, initial=25.0).run(until=4.0)
+    >>> history = plates.spontaneous_history(sheet, heat, times=[0.01, 0.1, 4.0])
+    >>> print(abs(history.curvature()).argmax(), f"{history.limit().strain_along:.3f}")
+    1 -0.199
     """
 
     laminate: Laminate
@@ -62,7 +75,18 @@ class SpontaneousHistory:
         return self.laminate.spontaneous(self.temperature.problem.steady())
 
     def curvature(self, component: str = "along") -> Array:
-        """Return the spontaneous curvature along or across the director, or the difference."""
+        """Return the spontaneous curvature, shape (m,).
+
+        Parameters
+        ----------
+        component : {"along", "across", "difference"}
+            Along or across the director, or across minus along.
+
+        Raises
+        ------
+        InvalidInput
+            If `component` is none of these.
+        """
         return _curvature(self.values, one_of("component", component, _COMPONENTS))
 
     def curvature_zeros(self, component: str = "along") -> Array:
@@ -78,6 +102,11 @@ class SpontaneousHistory:
         numpy.ndarray
             Increasing. A curvature of less than 1e-9 of the greatest one counts as none, so that
             rounding errors of a sheet still cold are no changes of sign.
+
+        Raises
+        ------
+        InvalidInput
+            If `component` is none of these.
         """
         one_of("component", component, _COMPONENTS)
         values = self.curvature(component)

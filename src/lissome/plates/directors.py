@@ -31,10 +31,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Director:
-    """Base class of director fields; a subclass gives the angle of the director from the x axis."""
+    """Base class of director fields; a subclass gives the angle of the director from the x axis.
+
+    Examples
+    --------
+    A field of your own that points away from the origin, and the strain that goes with it:
+
+    >>> import numpy as np
+    >>> from lissome.plates import Director
+    >>> class Radial(Director):
+    ...     def angle(self, x, y):
+    ...         return np.arctan2(y, x)
+    >>> strain = Radial().tensor(3.0, 4.0, along=-0.1, across=0.05)
+    >>> print(strain @ [3.0, 4.0] / -0.1, np.trace(strain).round(9))
+    [3. 4.] -0.05
+    """
 
     def angle(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the angle of the director at points (radians; half a turn means nothing)."""
+        """Return the angle of the director at points `x`, `y` (radians; half a turn means nothing)."""
         raise NotImplementedError
 
     def tensor(self, x: ArrayLike, y: ArrayLike, along: ArrayLike, across: ArrayLike) -> Array:
@@ -71,6 +85,11 @@ class Director:
         -------
         DirectedTensor
             Callable; it can be pickled.
+
+        Raises
+        ------
+        InvalidInput
+            If a component is not finite.
         """
         return DirectedTensor(self, finite("along", along), finite("across", across))
 
@@ -114,6 +133,11 @@ class UniformDirector(Director):
     ----------
     direction : float
         Angle from the x axis (radians).
+
+    Raises
+    ------
+    InvalidInput
+        If the angle is not finite.
 
     Examples
     --------
@@ -232,7 +256,13 @@ class UserDirector(Director):
             )
 
     def angle(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the angle of the director at points (radians)."""
+        """Return the angle of the director at points (radians).
+
+        Raises
+        ------
+        InvalidInput
+            If the function returns another shape, or a number that is not finite.
+        """
         px, py = _points(x, y)
         angle = np.asarray(self.function(px, py), dtype=float)
         if angle.shape != px.shape or not np.isfinite(angle).all():

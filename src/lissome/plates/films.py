@@ -134,8 +134,16 @@ def measured_film_curve(
 
     Raises
     ------
+    InvalidInput
+        If the film is none of the two.
     DataAwaited
         Until the slot ``film-strains`` is filled; the message says how to do it.
+
+    Examples
+    --------
+    >>> from lissome.literature import is_available
+    >>> from lissome.plates import measured_film_curve
+    >>> curve = measured_film_curve("soft") if is_available("film-strains") else None
     """
     one_of("film", film, FILMS)
     table = literature.load("film-strains", folder)
@@ -173,6 +181,18 @@ def film_layer(
     Returns
     -------
     Layer
+
+    Raises
+    ------
+    InvalidInput
+        If the film or the modulus is none of the two.
+
+    Examples
+    --------
+    >>> from lissome.plates import film_curve, film_layer
+    >>> layer = film_layer("stiff", film_curve("stiff", width=25.0))
+    >>> print(f"{1e6 * layer.thickness:.0f} micrometers")
+    30 micrometers
     """
     one_of("film", film, FILMS)
     direction = _DIRECTIONS[one_of("modulus", modulus, _DIRECTIONS)]
@@ -224,6 +244,11 @@ def film_laminate(
     Returns
     -------
     Laminate
+
+    Raises
+    ------
+    InvalidInput
+        If a film is unknown, or neither its width nor its curve is given.
 
     Examples
     --------
@@ -287,6 +312,16 @@ class CurvatureSigns:
         Greatest difference of the in-plane strains of the two orientations, over the final one.
     strains : tuple of float
         Strain of the bottom and of the top film of the stack at the temperature of the plate.
+
+    Examples
+    --------
+    A stack of equal films does the same whichever side is down:
+
+    >>> from lissome.plates import curvature_signs, film_laminate
+    >>> stack = film_laminate(["soft", "soft"], soft_width=12.0, stiff_width=25.0)
+    >>> signs = curvature_signs(stack)
+    >>> signs.down == signs.up, signs.as_claimed, abs(signs.limit_down) < 1e-9
+    (True, False, True)
     """
 
     down: tuple[float, ...]
@@ -324,6 +359,11 @@ def curvature_signs(
     Returns
     -------
     CurvatureSigns
+
+    Raises
+    ------
+    InvalidInput
+        If the layers do not conduct alike.
 
     Examples
     --------
@@ -406,12 +446,28 @@ def film_region(
 
     Parameters
     ----------
-    soft_widths, stiff_widths, stiff_transitions, shapes, moduli
-        The grid.
+    soft_widths, stiff_widths : sequence of float
+        Widths of the transitions, in degrees.
+    stiff_transitions : sequence of float
+        Inflections of the stiff film, in degrees Celsius.
+    shapes : sequence of {"logistic", "gaussian"}
+        Forms of the sigmoid.
+    moduli : sequence of {"across", "along"}
+        Which modulus of Table A.1 counts.
 
     Yields
     ------
     dict
+
+    Examples
+    --------
+    Every combination is a stack that the table allows:
+
+    >>> from lissome.plates import film_laminate, film_region
+    >>> for arguments in film_region(soft_widths=[12.0], stiff_widths=[25.0], moduli=["across"]):
+    ...     stack = film_laminate(**arguments)
+    >>> len(stack.layers), "soft_width" in arguments
+    (3, True)
     """
     hot = float(_printed("c5-plate-temperature"))
     for soft, stiff, transition, shape in itertools.product(

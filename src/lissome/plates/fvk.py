@@ -128,12 +128,20 @@ class Plate(PlateUnknowns):
         motions any more.
     edges : str or mapping
         ``"free"`` (default), ``"simply supported"`` (w = 0), ``"hinged"`` (w = 0, u = 0),
-        ``"clamped"`` (w = 0, no slope, u = 0), ``"sliding clamp"`` (w = 0, no slope), or a tuple out
-        of ``"deflection"``, ``"slope"``, ``"displacement"``, for the whole boundary; or a mapping from
-        parts of the boundary to these. A part is the name of a boundary of the mesh, ``"all"``, or a
+        ``"clamped"`` (w = 0, no slope, u = 0), ``"sliding clamp"`` (w = 0, no slope), a tuple out of
+        ``"deflection"``, ``"slope"``, ``"gradient"`` (whose normal part is the slope),
+        ``"displacement"``, ``"displacement_x"``, ``"displacement_y"``, or a mapping from these to
+        values, numbers or functions of x, y, for the whole boundary; or a mapping from parts of the
+        boundary to these. A part is the name of a boundary of the mesh, ``"all"``, or a
         function of the midpoints of edges, f(x, y) -> bool.
     degree : int
         Polynomial degree of w and u, 2 or 3.
+    points : mapping, optional
+        What vertices of the mesh hold: from positions (x, y) to ``"deflection"``, ``"displacement"``,
+        ``"displacement_x"``, ``"displacement_y"``, a tuple of these, or a mapping from these to values.
+    support_scale : float
+        Factor of all values at which edges and points are held: a parameter for
+        :func:`lissome.follow`.
 
     Raises
     ------
@@ -383,7 +391,7 @@ class Plate(PlateUnknowns):
     def force_of(self, curvature: Any) -> Array:
         """Return the force on the free unknowns that a spontaneous curvature adds, shape (size,).
 
-        It is the same in every state, and proportional to the curvature (array_like (2, 2) or callable).
+        It is the same in every state, and proportional to `curvature` (array_like (2, 2) or callable).
         """
         space = self.space
         natural = tensor_field("curvature", curvature)(space.curvature_points.x)
@@ -455,6 +463,13 @@ class Plate(PlateUnknowns):
 
         It is that of the triangle in which a point lies: moments over stiffness, plus the spontaneous
         curvature as the moments see it (projected on polynomials).
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 2)
+            Coordinates x, y.
+        state : PlateState
+            Whose curvature.
         """
         space, n = self.space, self.space.basis.count
         v = self._vector(state)[space.local[:, 2 * n :]]
@@ -465,7 +480,7 @@ class Plate(PlateUnknowns):
         return self._at(points, np.linalg.solve(gram, tests))
 
     def energies(self, state: PlateState) -> tuple[float, float, float]:
-        """Return stretching energy, bending energy, and the potential of the load."""
+        """Return stretching energy, bending energy, and the potential of the load, of `state`."""
         from ._fvk_kernel import membrane
 
         space, m, x = self.space, self._membrane, self._vector(state)

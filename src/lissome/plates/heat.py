@@ -84,6 +84,21 @@ class HeatFlux:
     ----------
     flux : float
         Energy per area and time; negative where heat leaves.
+
+    Raises
+    ------
+    InvalidInput
+        If the flux is not finite.
+
+    Examples
+    --------
+    A steady flux needs a slope: conductivity 1 and thickness 1 take a difference of 2 degrees.
+
+    >>> from lissome.plates import Conduction, FixedTemperature, HeatFlux, Laminate, Layer
+    >>> sheet = Laminate([Layer(thickness=1.0, modulus=1.0, poisson_ratio=0.5)])
+    >>> heated = Conduction(sheet, bottom=HeatFlux(2.0), top=FixedTemperature(0.0), initial=0.0)
+    >>> print(heated.steady()([-0.5, 0.0, 0.5]).round(9))
+    [2. 1. 0.]
     """
 
     flux: float
@@ -102,6 +117,22 @@ class Convection:
         H, zero or more: energy per area, time and degree. A bad contact with a hot plate is one too.
     ambient : float, str or pint.Quantity
         T_a.
+
+    Raises
+    ------
+    InvalidInput
+        If the coefficient is negative, or a number is not finite.
+
+    Examples
+    --------
+    Half of the difference of temperature is lost at a face that resists as much as the sheet:
+
+    >>> from lissome.plates import Conduction, Convection, FixedTemperature, Laminate, Layer
+    >>> sheet = Laminate([Layer(thickness=1.0, modulus=1.0, poisson_ratio=0.5)])
+    >>> air = Convection(coefficient=1.0, ambient=10.0)
+    >>> heated = Conduction(sheet, bottom=air, top=FixedTemperature(0.0), initial=0.0)
+    >>> print(heated.steady()([-0.5, 0.0, 0.5]).round(9))
+    [5.  2.5 0. ]
     """
 
     coefficient: float
@@ -114,7 +145,16 @@ class Convection:
 
 @dataclass(frozen=True)
 class Insulated:
-    """A face through which no heat flows."""
+    """A face through which no heat flows.
+
+    Examples
+    --------
+    >>> from lissome.plates import Conduction, FixedTemperature, Insulated, Laminate, Layer
+    >>> sheet = Laminate([Layer(thickness=1.0, modulus=1.0, poisson_ratio=0.5)])
+    >>> heated = Conduction(sheet, bottom=FixedTemperature(1.0), top=Insulated(), initial=0.0)
+    >>> print(heated.steady()([-0.5, 0.5]).round(9), float(heated.run(until=0.01).inflow(0.01)[1]))
+    [1. 1.] 0.0
+    """
 
 
 Face = FixedTemperature | HeatFlux | Convection | Insulated
@@ -136,6 +176,17 @@ class TemperatureProfile:
     accuracy : float
         Relative accuracy that integrals over the profile are worth: while a jump at a face is
         thinner than the elements, the cut leaves kinks that no quadrature needs to resolve.
+
+    Examples
+    --------
+    Called with heights from the middle of the thickness, it interpolates:
+
+    >>> from lissome.plates import Conduction, FixedTemperature, Laminate, Layer
+    >>> sheet = Laminate([Layer(thickness=1.0, modulus=1.0, poisson_ratio=0.5)])
+    >>> hot, cold = FixedTemperature(160.0), FixedTemperature(25.0)
+    >>> profile = Conduction(sheet, bottom=hot, top=cold, initial=25.0).steady()
+    >>> print(profile([-0.5, 0.0, 0.5]).round(9), profile.low, profile.high)
+    [160.   92.5  25. ] 25.0 160.0
     """
 
     nodes: Array
@@ -170,7 +221,7 @@ class TemperatureProfile:
 
 @dataclass(frozen=True, eq=False)
 class TemperatureHistory:
-    """Temperature over the thickness as a function of time.
+    r"""Temperature over the thickness as a function of time.
 
     Attributes
     ----------
@@ -180,6 +231,19 @@ class TemperatureHistory:
         Steps of the integrator, from 0; in the unit of the problem (seconds for SI layers).
     values, rates : numpy.ndarray, shape (m, 2 n + 1)
         Temperatures at the nodes and their rates of change.
+
+    Examples
+    --------
+    While the heat has not come to the other side, the flux through the hot face is
+    :math:`1/\sqrt{\pi t}`:
+
+    >>> import numpy as np
+    >>> from lissome.plates import Conduction, FixedTemperature, Insulated, Laminate, Layer
+    >>> sheet = Laminate([Layer(thickness=1.0, modulus=1.0, poisson_ratio=0.5)])
+    >>> heated = Conduction(sheet, bottom=FixedTemperature(1.0), top=Insulated(), initial=0.0)
+    >>> bottom, top = heated.run(until=0.01).inflow(0.01)
+    >>> print(f"{bottom * np.sqrt(np.pi * 0.01):.3f} {float(top)}")
+    1.000 0.0
     """
 
     problem: Conduction

@@ -112,7 +112,13 @@ class HeatedPlate:
         return Plate(mesh=self.mesh, edges=self.edges, degree=self.degree, **moduli)
 
     def spontaneous(self, time: float) -> Spontaneous:
-        """Return spontaneous strain and curvature at a scaled time (curvature per thickness unit)."""
+        """Return what the laminate would do at `time` if nothing held it.
+
+        Raises
+        ------
+        InvalidInput
+            If `time` lies outside the history of temperature.
+        """
         scale = self.temperature.problem.time_scale
         last = float(self.temperature.times[-1])
         t = finite("time", time) * scale

@@ -136,6 +136,11 @@ class Layer:
         Layer
             In SI units.
 
+        Raises
+        ------
+        InvalidInput
+            If a quantity has no unit, a wrong one, or is out of its range.
+
         Examples
         --------
         >>> from lissome.plates import Layer
@@ -165,7 +170,13 @@ class Layer:
         return self.conductivity / self.heat_capacity
 
     def modulus_at(self, height: ArrayLike) -> Array:
-        """Return the modulus at heights (over the thickness, from the bottom of the layer)."""
+        """Return the modulus at `height` over the thickness, from the bottom of the layer, in [0, 1].
+
+        Raises
+        ------
+        InvalidInput
+            If the function `modulus` returns another shape, or a number that is not positive.
+        """
         height = np.asarray(height, dtype=float)
         if not callable(self.modulus):
             return np.full_like(height, self.modulus)
@@ -179,7 +190,13 @@ class Layer:
         return values
 
     def spontaneous_strain(self, temperature: ArrayLike) -> tuple[Array, Array]:
-        """Return the spontaneous strains along and across the director at `temperature`."""
+        """Return the spontaneous strains along and across the director at `temperature`.
+
+        Raises
+        ------
+        InvalidInput
+            If the function `strain` returns another shape, or a number that is not finite.
+        """
         t = np.asarray(temperature, dtype=float)
         axial = np.asarray(self.strain(t), dtype=float)
         if axial.shape != t.shape or not np.isfinite(axial).all():
@@ -222,6 +239,18 @@ class Spontaneous:
         in z.
     plane : float
         Height from the middle of the thickness: the neutral plane where there is one.
+
+    Examples
+    --------
+    Timoshenko's strip of two equal layers, of which the upper one contracts by 1 %: half of it is seen
+    as strain in the middle, and the curvature is 3/2 of it over the thickness.
+
+    >>> from lissome.plates import Laminate, Layer
+    >>> still = Layer(0.5, 1.0, 0.5, strain=lambda t: 0.0 * t)
+    >>> short = Layer(0.5, 1.0, 0.5, strain=lambda t: -0.01 + 0.0 * t)
+    >>> free = Laminate([still, short]).spontaneous(20.0)
+    >>> print(f"{free.strain_along:.4f} {free.curvature_along:.4f}")
+    -0.0050 0.0150
     """
 
     strain_along: Array
@@ -364,7 +393,13 @@ class Laminate:
         return heights
 
     def layer_at(self, z: ArrayLike) -> NDArray[np.intp]:
-        """Return the index of the layer at heights `z` (an interface belongs to the upper one)."""
+        """Return the index of the layer at heights `z` (an interface belongs to the upper one).
+
+        Raises
+        ------
+        InvalidInput
+            If a height lies outside the laminate.
+        """
         z = np.asarray(z, dtype=float)
         half = 0.5 * self.thickness * (1.0 + 1e-12)
         if not np.all(np.abs(z) <= half):
@@ -396,6 +431,11 @@ class Laminate:
         ----------
         power : int
             p, 0 or more.
+
+        Raises
+        ------
+        InvalidInput
+            If `power` is not a whole number, 0 or more.
         """
         return self._moment(integer_at_least("power", power, 0), lambda layer: 1.0)
 
@@ -412,7 +452,13 @@ class Laminate:
 
     @property
     def poisson_ratio(self) -> float:
-        """The common Poisson ratio of the layers; InvalidInput where they differ."""
+        """The common Poisson ratio of the layers.
+
+        Raises
+        ------
+        InvalidInput
+            If they differ.
+        """
         ratios = {layer.poisson_ratio for layer in self.layers}
         if len(ratios) > 1:
             raise InvalidInput(
@@ -449,6 +495,11 @@ class Laminate:
             L: how long the unit of length of the mesh is. With it energies are in units of
             :math:`C L^2`: the stretching modulus is 1, the bending modulus
             :math:`\bar B = B/(C L^2)`, (5.9) of the thesis. Without it moduli are as they are.
+
+        Raises
+        ------
+        InvalidInput
+            If the length is not positive, or Poisson ratios differ.
         """
         c, b = self.stretching_modulus, self.bending_modulus
         if length is not None:

@@ -78,6 +78,11 @@ class PlateScales:
         ----------
         thickness, length, young_modulus : float
             Positive.
+
+        Raises
+        ------
+        InvalidInput
+            If an argument is not positive.
         """
         h, e = positive("thickness", thickness), positive("young_modulus", young_modulus)
         return cls(e * h, e * h**3 / 12.0, length)
@@ -242,7 +247,7 @@ class Flight:
         return self.velocity[0] * self.duration
 
     def position(self, time: ArrayLike) -> tuple[Array, Array]:
-        """Return horizontal and vertical position at times from the launch."""
+        """Return horizontal and vertical position at `time` after the launch, of its shape."""
         t = np.asarray(time, dtype=float)
         return self.velocity[0] * t, self.velocity[1] * t - 0.5 * self.gravity * t**2
 
@@ -253,11 +258,22 @@ class Flight:
         ----------
         length : float
             Distance between the longer and the shorter legs.
+
+        Raises
+        ------
+        InvalidInput
+            If the length is not positive.
         """
         return positive("length", length) * math.sin(self.tilt)
 
     def energy_share(self, energy_height: float) -> float:
-        """Return the launch energy over that of an energy bound, see :func:`energy_height`."""
+        """Return the launch energy over that of the bound `energy_height` (:func:`.energy_height`).
+
+        Raises
+        ------
+        InvalidInput
+            If `energy_height` is not positive.
+        """
         return self.speed**2 / (2.0 * self.gravity) / positive("energy_height", energy_height)
 
 
@@ -281,6 +297,11 @@ def flight_from_heights(
     Returns
     -------
     Flight
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------
@@ -321,6 +342,11 @@ def terminal_speed(
     gravity : float
         Positive.
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
     Examples
     --------
     >>> from lissome.plates import terminal_speed
@@ -358,6 +384,11 @@ def launch_speed_with_drag(
     -------
     float
         v, which tends to :math:`\sqrt{2 g z}` in thin air.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
 
     Examples
     --------

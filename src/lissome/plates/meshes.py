@@ -79,6 +79,11 @@ def rectangle(
     skfem.MeshTri
         With the boundaries "left", "right", "bottom", "top".
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range, or the point is outside.
+
     Examples
     --------
     >>> from lissome.plates.meshes import rectangle
@@ -127,6 +132,7 @@ def disc(
     Parameters
     ----------
     radius : float
+        Of the disc.
     divisions : int
         Parts of each sector: sectors divisions^2 triangles.
     center : array_like, shape (2,)
@@ -140,6 +146,11 @@ def disc(
     -------
     skfem.MeshTri2
         The edges of the rim are parabolas.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range, or the point is outside.
 
     Examples
     --------
@@ -183,6 +194,19 @@ def from_file(path: str | os.PathLike[str]) -> Any:
     ------
     DataError
         If the file cannot be read, or holds no triangles or triangles that are not in the plane.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import meshio
+    >>> from lissome.plates.meshes import from_file
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder) / "square.vtk"
+    ...     meshio.write_points_cells(file, corners, [("triangle", [[0, 1, 2], [1, 3, 2]])])
+    ...     mesh = from_file(file)
+    >>> mesh.t.shape, mesh.boundary_facets().size
+    ((3, 2), 4)
     """
     import meshio
 

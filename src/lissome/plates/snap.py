@@ -55,6 +55,16 @@ class Inversion:
         Every loss of stability, the inversion's last: earlier ones broke a symmetry only.
     branches : tuple of Branch
         What was followed between them.
+
+    Examples
+    --------
+    Both states at the inversion are stable, and the one after it has less energy:
+
+    >>> from lissome.plates import Defect
+    >>> from lissome.plates.snap import inversion, sheet
+    >>> found = inversion(sheet(200.0, divisions=1), Defect().field(0.1, -0.05), stop=2.0)
+    >>> print(found.inverts, found.before.stable, found.after.stable, found.energy_released > 0)
+    True True True True
     """
 
     inverts: bool
@@ -87,6 +97,21 @@ def dome(
     -------
     Equilibrium
         Stable; flat where the plate does not buckle.
+
+    Raises
+    ------
+    InvalidInput
+        If `center` is not a point.
+
+    Examples
+    --------
+    A small strain leaves the sheet flat, a greater one makes it a dome:
+
+    >>> import numpy as np
+    >>> from lissome.plates.snap import dome, sheet
+    >>> heights = [np.ptp(dome(sheet(strain, divisions=2)).deflection) for strain in (1.0, 200.0)]
+    >>> print(heights[0] < 1e-9, heights[1] > 0.01)
+    True True
     """
     c = finite_array("center", center, shape=(2,))
     space = plate.space
@@ -157,6 +182,20 @@ def inversion(
         If the plate is flat at p = 0: what has no side cannot be inverted.
     NotConverged
         If there are more than `most_losses` losses of stability, or a descent finds no minimum.
+
+    Examples
+    --------
+    A dome is the mirror image of another one, which inverts at the opposite curvature:
+
+    >>> from lissome.plates import Defect
+    >>> from lissome.plates.snap import dome, inversion, sheet
+    >>> plate = sheet(200.0, divisions=1)
+    >>> up, down = (
+    ...     inversion(plate, Defect().field(0.1, -0.05), stop, initial=dome(plate, up=stop > 0))
+    ...     for stop in (2.0, -2.0)
+    ... )
+    >>> print(f"{up.kind} {down.parameter / up.parameter:.6f}")
+    fold -1.000000
     """
     stop = finite("stop", stop)
     if stop == 0:
@@ -265,6 +304,17 @@ class CriticalCurvature:
         critical curvature.
     unknowns, factorizations : int
         Size of the problem, and how often its matrix was factored on the path (not on the descent).
+
+    Examples
+    --------
+    Energy is released on the way down; no loss of stability went before:
+
+    >>> from lissome.plates.snap import CriticalCurvature, critical_curvature
+    >>> point = CriticalCurvature(**critical_curvature(200.0, divisions=1))
+    >>> print(point.inverts, point.kind, point.losses, point.curvature == point.first_loss)
+    True fold 1 True
+    >>> print(point.energy > 0, point.height_before > 0 > point.height_after)
+    True True
     """
 
     inverts: bool
@@ -316,6 +366,15 @@ def sheet(
     ------
     InvalidInput
         If the defect is outside, or the tensor is isotropic, so that no difference is left.
+
+    Examples
+    --------
+    In scaled quantities the thickness does not matter: half of it, and a sixteenth of the energy.
+
+    >>> from lissome.plates.snap import dome, sheet
+    >>> thick, thin = (dome(sheet(100.0, divisions=2, thickness=h)).energy for h in (0.01, 0.005))
+    >>> print(f"{thick / thin:.6f}")
+    16.000000
     """
     center = finite_array("offset", offset, shape=(2,))
     one_of("shape", shape, ("square", "disc"))

@@ -188,7 +188,7 @@ class SigmoidCurve:
         return -self.saturation * (self._rise(temperature) - self._rise(self.reference))
 
     def contraction_rate(self, low: float, high: float) -> float:
-        """Return the mean contraction per degree between two temperatures."""
+        """Return the mean contraction per degree between the temperatures `low` and `high`."""
         low, high = _ordered(low, high)
         return float(self(low) - self(high)) / (high - low)
 
