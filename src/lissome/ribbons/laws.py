@@ -150,7 +150,32 @@ def width_factor(v: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class RibbonLaw:
-    """What the laws of inextensible ribbons share; see :class:`Wunderlich`."""
+    """What the laws of inextensible ribbons share; see :class:`Wunderlich`.
+
+    Attributes
+    ----------
+    width, thickness, young_modulus, poisson_ratio, rigidity
+        See :class:`Wunderlich`.
+    natural_curvature, natural_twist, natural_cross_curvature : float
+        See :class:`Wunderlich`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is missing or out of range.
+
+    Examples
+    --------
+    A strip that is bent about its width, without twist, is a plate on a cylinder under either law:
+    :math:`W = \\tfrac12 D w \\kappa_1^2`.
+
+    >>> from lissome import ribbons
+    >>> for law in (ribbons.Wunderlich, ribbons.Sadowsky):
+    ...     strip = law(width=0.1, rigidity=1.0)
+    ...     print(isinstance(strip, ribbons.RibbonLaw), strip.energy(2.0, 0.0).round(9))
+    True 0.2
+    True 0.2
+    """
 
     width: float
     thickness: float | None = None
@@ -230,7 +255,7 @@ class RibbonLaw:
         )
 
     def with_width(self, width: float) -> Self:
-        """Return the law of a strip of the same plate with another width."""
+        """Return the law of a strip of another `width` (length), of the same plate."""
         if self.thickness is not None:
             return replace(self, width=width, rigidity=None)
         return replace(self, width=width)
@@ -324,6 +349,20 @@ class Sadowsky(RibbonLaw):
         As for :class:`Wunderlich`.
     natural_curvature, natural_twist, natural_cross_curvature
         As for :class:`Wunderlich`.
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is missing or out of range.
+
+    Examples
+    --------
+    A twist as large as the bending, :math:`\eta = 1`, makes the energy fourfold:
+
+    >>> from lissome import ribbons
+    >>> strip = ribbons.Sadowsky(width=0.1, rigidity=1.0)
+    >>> print(strip.energy(2.0, 1.0) / strip.energy(2.0, 0.0))
+    4.0
     """
 
     has_fold: ClassVar[bool] = False

@@ -104,6 +104,11 @@ def circle(
     -------
     Ribbon
 
+    Raises
+    ------
+    InvalidInput
+        If an argument is wrong.
+
     Examples
     --------
     >>> from lissome import ribbons
@@ -155,6 +160,17 @@ def band(
     ------
     InvalidInput
         If an argument is wrong, or the strip is too wide to close with one half turn.
+
+    Examples
+    --------
+    Right- and left-handed bands are mirror images:
+
+    >>> import lissome as ls
+    >>> from lissome import ribbons
+    >>> law = ribbons.Wunderlich(width=0.1, rigidity=1.0)
+    >>> right, left = (ls.equilibrate(ribbons.band(1.0, 40, law, half)) for half in (1, -1))
+    >>> print(f"{right.energy / left.energy:.6f} {right.link:.1f} {left.link:.1f}")
+    1.000000 0.5 -0.5
     """
     if isinstance(half_turns, bool) or not isinstance(half_turns, (int, np.integer)):
         raise InvalidInput(

@@ -39,6 +39,18 @@ class DevelopedSurface:
         Curvature across the rulings (1/length).
     closed : bool
         Whether the last ruling is the first.
+
+    Examples
+    --------
+    An arch between clamps, developed: nothing is stretched, and no ruling meets another one.
+
+    >>> import lissome as ls
+    >>> from lissome import ribbons
+    >>> law = ribbons.Wunderlich(width=0.1, rigidity=1.0)
+    >>> strip = ribbons.straight(1.0, 20, law).clamped("start").clamped("end", position=(0, 0, 0.9))
+    >>> surface = ls.equilibrate(strip).surface()
+    >>> print(surface.isometry_error() < 1e-12, surface.rulings_cross().size)
+    True 0
     """
 
     vertices: Array
