@@ -1,6 +1,7 @@
 """Loading stored data, refusing damaged ones, and registering digitized points."""
 
 import csv
+import errno
 import json
 import shutil
 import subprocess
@@ -395,6 +396,16 @@ class TestRegistration:
         output = capsys.readouterr().out
         assert "digitized  slinky-distance" in output
         assert "awaited    film-strains" in output
+
+    def test_the_command_line_explains_a_folder_that_cannot_be_written(
+        self, arguments, copy, capsys, monkeypatch
+    ):
+        def full(path, raw):
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+        monkeypatch.setattr("lissome._datapackage.write_atomically", full)
+        assert literature.main(["--folder", str(copy), "seal"]) == 1
+        assert "error: [Errno 28] No space left on device" in capsys.readouterr().err
 
     def test_the_command_line_explains_bad_options(self, arguments, copy, capsys):
         command = ["--folder", str(copy), "register", "slinky-distance", str(arguments["file"])]

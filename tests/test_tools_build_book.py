@@ -11,6 +11,8 @@ import time
 import pytest
 import yaml
 
+from lissome._datapackage import Descriptor
+
 pytest.importorskip("jupyter_book")
 
 HEADER = """---
@@ -244,6 +246,17 @@ def runs(process):
         return psutil.Process(process).status() != psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
         return False
+
+
+def test_damaged_data_are_named_before_any_page_runs(book):
+    data = book.root / "data"
+    shutil.copytree(Descriptor().folder, data)
+    path = data / "thesis-table-3-1.csv"
+    path.write_bytes(path.read_bytes().replace(b"0.56", b"0.57"))
+    status, said = book.build(LISSOME_DATA=str(data))
+    assert (status, said.count("\n")) == (1, 1), said
+    assert str(path) in said and "restore it" in said
+    assert not (book.root / "out put" / "jupyter_execute").exists()
 
 
 def test_a_folder_that_no_book_can_be_built_in_is_refused_with_a_remedy(book):

@@ -67,6 +67,11 @@ def test_what_is_missing_is_named_and_fails(tool, build, capsys):
     assert f"MISSING {row['panel']}" in capsys.readouterr().out
 
 
+def test_a_build_that_is_not_there_is_named_with_a_remedy(tool, tmp_path):
+    with pytest.raises(SystemExit, match=r"cannot be gathered.*scoreboard\.csv.*make reproduce"):
+        tool["main"](["--gather", str(tmp_path)])
+
+
 def test_two_builds_are_compared_to_the_last_digit_and_word(tool, build, tmp_path, capsys):
     (build / "html" / "scoreboard.csv").write_text(
         "id,computed,verdict\nlambda-typical,1.1193,differs\npsi-function,,reproduced\n"

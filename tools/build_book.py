@@ -115,6 +115,18 @@ def prepare(build: Path) -> None:
     place_for_compiled_functions(private / "lissome")
 
 
+def check_data() -> None:
+    """Look at all stored data now: a page would meet damage only after minutes."""
+    from lissome import literature
+    from lissome.errors import LissomeError
+
+    try:
+        for name in literature.tables():
+            literature.load(name)
+    except LissomeError as error:
+        stop(str(error))
+
+
 def own_kernel(folder: Path) -> Path:
     """Describe the kernel `python3` as this very interpreter, whatever else the account offers."""
     target = folder / "kernels" / "python3" / "kernel.json"
@@ -227,6 +239,7 @@ def main(arguments: list[str] | None = None) -> int:
     open_build(build)
     with alone(build):
         try:
+            check_data()
             prepare(build)
             warm_fonts()
             status = stoppable(lambda: build_pages(build))

@@ -221,7 +221,12 @@ def main(arguments: list[str] | None = None) -> int:
         os.environ["LISSOME_FIGURES"] = str(build / "vectors")
         if status := runpy.run_path(str(TOOLS / "build_book.py"))["main"]([str(build)]):
             return int(status)
-    return int(gather(build) > 0)
+    try:
+        return int(gather(build) > 0)
+    except OSError as error:  # no build there, no space
+        sys.exit(
+            f"error: the figures of {build} cannot be gathered ({error}): run `make reproduce`"
+        )
 
 
 if __name__ == "__main__":

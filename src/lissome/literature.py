@@ -811,7 +811,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 folder=given.folder,
             )
             print(f"registered {len(table)} points as '{table.name}'")
-    except (DataError, InvalidInput) as error:
+    except (DataError, InvalidInput, OSError) as error:  # the last: a folder that cannot be written
         print(f"error: {error}", file=sys.stderr)
         return 1
     return 0
