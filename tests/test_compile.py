@@ -170,6 +170,20 @@ def tiny(tmp_path):
     return Tiny(tmp_path)
 
 
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    first = Tiny(tmp_path_factory.mktemp("compiled"))
+    assert first.run()[0] == RESULTS
+    return first
+
+
+@pytest.fixture
+def known(tiny, compiled):
+    """The small package with all its machine code in the cache; its place is not in the keys."""
+    shutil.copytree(compiled.cache, tiny.cache)
+    return tiny
+
+
 def hit(names, hits):
     return {name: hits[name][1] == 0 and hits[name][0] > 0 for name in names}
 
@@ -219,29 +233,26 @@ def test_every_kind_of_function_hits_in_a_second_process_and_edits_reach_all_cal
     assert all(hit(RESULTS, hits).values()), hits
 
 
-def test_comments_and_moves_recompile_nothing(tiny):
-    tiny.run()
-    tiny.edit("kernels.py", "@jit\ndef plain", "# a remark\n\n\n@jit\ndef plain")
-    _, hits = tiny.run()
+def test_comments_and_moves_recompile_nothing(known):
+    known.edit("kernels.py", "@jit\ndef plain", "# a remark\n\n\n@jit\ndef plain")
+    _, hits = known.run()
     assert all(hit(RESULTS, hits).values()), hits
 
 
-def test_options_and_settings_are_part_of_the_key(tiny):
-    tiny.run()
-    tiny.edit("kernels.py", "@jit\ndef plain", "@jit(fastmath=True)\ndef plain")
-    _, hits = tiny.run()
+def test_options_and_settings_are_part_of_the_key(known):
+    known.edit("kernels.py", "@jit\ndef plain", "@jit(fastmath=True)\ndef plain")
+    _, hits = known.run()
     found = hit(RESULTS, hits)
     assert not found["plain"]
     assert not found["over_plain"]
     assert found["by_name"]
-    _, hits = tiny.run(NUMBA_BOUNDSCHECK="1")
+    _, hits = known.run(NUMBA_BOUNDSCHECK="1")
     assert not any(hit(RESULTS, hits).values())
 
 
-def test_an_extension_of_numba_in_the_package_is_part_of_every_key(tiny):
-    tiny.run()
-    (tiny.package / "extras.py").write_text("from numba import extending\n")
-    _, hits = tiny.run()
+def test_an_extension_of_numba_in_the_package_is_part_of_every_key(known):
+    (known.package / "extras.py").write_text("from numba import extending\n")
+    _, hits = known.run()
     assert not any(hit(RESULTS, hits).values())
 
 
