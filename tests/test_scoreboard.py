@@ -528,6 +528,56 @@ class TestJudges:
         assert (check.outcome is Outcome.HOLDS) == (order > 0.95)
 
 
+class TestChecks:
+    """A check turns exactly at its limit: what lies just beyond it fails."""
+
+    @pytest.mark.parametrize(
+        ("check", "good", "bad"),
+        [
+            (lambda x: core.within("x", x, 2.0, 0.5), [1.5, 2.0, 2.5], [1.499, 2.501, -2.0]),
+            (
+                lambda x: core.within_percent("x", x, -4.0, 25.0),
+                [-3.0, -4.0, -5.0],
+                [-2.999, -5.001, 4.0],
+            ),
+            (
+                lambda x: core.all_below("x", x, 1.0),
+                [1.0, -1.0, [0.5, -1.0]],
+                [1.001, [0.0, -1.001]],
+            ),
+            (lambda x: core.all_above("x", x, 1.0), [1.001, [2.0, 1.001]], [1.0, -2.0, [3.0, 1.0]]),
+            (
+                lambda x: core.increasing("x", x),
+                [[1.0, 1.001], [-2.0, 0.0, 5.0]],
+                [[1.0, 1.0], [1.0, 2.0, 1.999], [2.0, 1.0]],
+            ),
+            (
+                lambda x: core.decreasing("x", x),
+                [[1.001, 1.0], [5.0, 0.0, -2.0]],
+                [[1.0, 1.0], [2.0, 1.0, 1.001], [1.0, 2.0]],
+            ),
+            (
+                lambda order: core.order_of("x", [2.0, 1.0, 4.0], [2.0**order, 1.0, 0.1], 2.0),
+                [1.951, 2.0, 3.0],
+                [1.949, 1.0],
+            ),
+        ],
+        ids=["within", "percent", "below", "above", "increasing", "decreasing", "order"],
+    )
+    def test_a_check_turns_at_its_limit(self, check, good, bad):
+        for value in good:
+            assert check(value).outcome is Outcome.HOLDS, value
+        for value in bad:
+            assert check(value).outcome is Outcome.FAILS, value
+
+    def test_a_spread_as_large_as_the_tolerance_is_the_last_that_decides(self):
+        assert core.within("x", 2.0, 2.0, 0.5, spread=0.5).outcome is Outcome.HOLDS
+        with pytest.raises(InvalidInput, match="decides nothing"):
+            core.within("x", 2.0, 2.0, 0.5, spread=0.501)
+        with pytest.raises(InvalidInput, match="decides nothing"):
+            core.within_percent("x", -2.0, -2.0, 10.0, spread=0.201)
+
+
 class TestArtificialJudge:
     """All verdicts, by a judge that says what it is told."""
 
@@ -625,6 +675,14 @@ class TestRecords:
     def test_bad_records_are_refused(self, arguments, message):
         with pytest.raises(InvalidInput, match=re.escape(message)):
             scoreboard.record("strip-best-angle-095", **arguments)
+
+    def test_numbers_exclude_each_other_beyond_twice_their_uncertainties(self):
+        common = {"as_printed": BEST, "uncertainty": 0.1}
+        for side in (-1, 1):
+            near, far = (BEST["value"] + side * distance for distance in (0.299, 0.301))
+            scoreboard.record("strip-best-angle-095", independent=(near, 0.05), **common)
+            with pytest.raises(InvalidInput, match="exclude each other"):
+                scoreboard.record("strip-best-angle-095", independent=(far, 0.05), **common)
 
     def test_independent_numbers_need_a_headline(self):
         with pytest.raises(InvalidInput, match="not recorded"):
