@@ -29,14 +29,14 @@ endif
 
 # Scripts in bin/ carry the absolute path of their interpreter, which breaks on long paths and on
 # paths with spaces: `python -m` does not. The environment itself is no target either: a name with
-# a space cannot be one.
-RUN := "$(VENV)/bin/python"
+# a space cannot be one. `exec`: whoever ends make ends Python, not a shell in between.
+RUN := exec "$(VENV)/bin/python"
 
 .PHONY: all env book reproduce test lint bench check-pages licenses lock lock-check clean distclean
 all: test book
 
 env:
-	@sh tools/environment.sh "$(PYTHON)" "$(VENV)"
+	@exec sh tools/environment.sh "$(PYTHON)" "$(VENV)"
 
 book: env
 	$(RUN) tools/build_book.py "$(BUILD)"
@@ -45,7 +45,7 @@ reproduce: env
 	$(RUN) tools/reproduce.py "$(BUILD)"
 
 test: env
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+	export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1; \
 	$(RUN) -m pytest -n $(JOBS) --dist worksteal -p no:benchmark $(ARGS)
 
 lint: env

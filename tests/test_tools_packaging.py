@@ -180,6 +180,36 @@ def test_make_starts_python_below_folders_of_any_name(root, tmp_path, environmen
     assert (done.returncode, done.stdout) == (0, "starts\n"), done.stderr
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="signals of this system are others")
+def test_whoever_ends_make_ends_what_it_runs(root, tmp_path):
+    make = shutil.which("make")
+    if make is None:
+        pytest.skip("needs make")
+    text = (root / "Makefile").read_text(encoding="utf-8")
+    (tmp_path / "Makefile").write_text(text, encoding="utf-8")
+    (tmp_path / "tools").mkdir()
+    (tmp_path / "tools" / "environment.sh").write_text("")
+    script = (
+        "import signal, sys, time\n"
+        "def end(*_):\n"
+        "    print('told', flush=True)\n"
+        "    sys.exit(3)\n"
+        "signal.signal(signal.SIGTERM, end)\n"
+        "print('begun', flush=True)\n"
+        "time.sleep(600)\n"
+    )
+    (tmp_path / "tools" / "build_book.py").write_text(script)
+    (tmp_path / "venv" / "bin").mkdir(parents=True)
+    (tmp_path / "venv" / "bin" / "python").symlink_to(sys.executable)
+    process = subprocess.Popen(
+        [make, "-s", "book", "VENV=venv"], cwd=tmp_path, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "begun\n"
+    process.terminate()
+    assert process.communicate(timeout=60)[0] == "told\n"
+    assert process.returncode != 0
+
+
 def test_book_configuration_offers_no_remote_service(root):
     config = yaml.safe_load((root / "_config.yml").read_text(encoding="utf-8"))
     assert "repository" not in config
