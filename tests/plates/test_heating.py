@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -145,6 +147,34 @@ def test_a_thin_square_loses_its_symmetry_gently_and_goes_on(thin):
     for time, index in ((event.time - 0.006, 0), (event.time + 0.006, 1)):
         state = ls.equilibrate(thin.structure(time), event.before.state, require="any")
         assert state.index == index
+
+
+def test_a_wave_of_the_rim_turns_and_settles_along_the_diagonals():
+    """The second loss of stability of a thin sheet, stiff film up: its softest mode turns the wave."""
+    sheet = film_laminate(("soft", "soft", "stiff"), soft_width=12.0, stiff_width=25.0)
+    sample = replace(heated(sheet, length=7e-3, until=1.0), degree=3)
+    turn = np.arange(16) * np.pi / 8
+    rim = 0.49 * np.column_stack([np.cos(turn), np.sin(turn)])
+
+    def wave(equilibrium):
+        """Amplitude and direction (degrees) of the two-fold part of the rim."""
+        w = equilibrium.structure.deflection_at(rim, equilibrium.state)
+        part = np.fft.fft(w)[2] / 16
+        return abs(part), (-np.degrees(np.angle(part)) / 2) % 90
+
+    history = sample.run(until=0.85, step=0.1, start=0.3)
+    breaking, turning = history.events
+    assert breaking.kind == "loss of symmetry" and wave(breaking.before)[1] % 90 == pytest.approx(
+        0.0, abs=0.5
+    )
+    assert turning.kind == "snap"
+    before, after = wave(turning.before), wave(turning.after)
+    assert 20 < min(before[1], 90 - before[1]) < 44  # on its way from the sides to the diagonals
+    assert after[1] == pytest.approx(45.0, abs=0.5)
+    assert after[0] == pytest.approx(before[0], rel=0.05)  # it turns, and does not grow
+    assert 0 < turning.energy_released < 1e-4 * turning.before.energy
+    assert all(e.stable for e in history.equilibria)
+    assert rise(history.equilibrium) > 0
 
 
 def test_an_interrupted_run_goes_on_from_its_checkpoint(thin, tmp_path):

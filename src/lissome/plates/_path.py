@@ -21,6 +21,7 @@ from .._corrector import (
     CorrectionFailed,
     _evaluate,
     critical_modes,
+    member,
     typical_size,
 )
 from ..equilibrium import Iteration, relative_residual
@@ -83,8 +84,14 @@ class Loss:
 class Path:
     """The equilibria of `plate` with the force p `force` besides its own."""
 
+    damped = False  #: Whether corrections that do not contract are tried again with damping.
+
     def __init__(self, plate: Any, force: Array, state: Any, parameter: float, way: float) -> None:
         self.plate, self.force = plate, force
+        self._begin(state, parameter, way)
+
+    def _begin(self, state: Any, parameter: float, way: float) -> None:
+        plate = self.plate
         self.size = typical_size(plate, state)
         self.weight = 1.0 / (len(self.size) * self.size**2)
         self.metric = np.asarray(plate.metric(state), dtype=float)
@@ -98,6 +105,19 @@ class Path:
         norm = self._norm(dx, dp)
         self.points = [replace(first, tangent=(sign * dx / norm, sign * dp / norm))]
 
+    # -- what depends on the parameter --------------------------------------------------------------
+
+    def _member(self, parameter: float) -> Any:
+        """Return the plate at a parameter; the force is not in it."""
+        return self.plate
+
+    def _unbalanced(self, gradient: Array, parameter: float) -> Array:
+        return gradient - parameter * self.force
+
+    def _push(self, state: Any, parameter: float) -> Array:
+        """Return the derivative of the force with respect to the parameter."""
+        return self.force
+
     # -- one point --------------------------------------------------------------------------------
 
     def _norm(self, dx: Array, dp: float) -> float:
@@ -107,20 +127,22 @@ class Path:
         return float(np.sum(self.weight * a[0] * b[0]) + a[1] * b[1] / self.scale**2)
 
     def _gradient(self, state: Any, parameter: float) -> Array:
-        gradient = self.plate.evaluate(state, NONE, 1).gradient
-        return gradient - parameter * self.force
+        gradient = self._member(parameter).evaluate(state, NONE, 1).gradient
+        return self._unbalanced(gradient, parameter)
 
     def _settled(
         self, state: Any, parameter: float, length: float, along: Any, iterations: int
     ) -> Point:
         """Return a balanced state with its factors and its tangent."""
-        evaluation, factors = _evaluate(self.plate, state, NONE)
+        plate = self._member(parameter)
+        evaluation, factors = _evaluate(plate, state, NONE)
         self.factorizations += 1
-        gradient = evaluation.gradient - parameter * self.force
+        gradient = self._unbalanced(evaluation.gradient, parameter)
+        force = self._push(state, parameter)
         terms = evaluation.kkt.magnitude(self.size, NONE)
         residual = relative_residual(gradient, NONE, terms)
         try:
-            both, _ = factors.solve(np.stack([self.force, -gradient], axis=1))
+            both, _ = factors.solve(np.stack([force, -gradient], axis=1))
         except FactorizationError as error:
             raise CorrectionFailed(str(error)) from error
         response = both[:, 0]
@@ -135,7 +157,7 @@ class Path:
             factors.inertia,
             "accepted",
         )
-        balanced = Balanced(self.plate, state, NONE, evaluation, residual, factors, (line,))
+        balanced = Balanced(plate, state, NONE, evaluation, residual, factors, (line,))
         tangent = (response, 1.0)
         norm = self._norm(*tangent)
         sign = 1.0 if along is None else np.copysign(1.0, self._dot(tangent, along))
@@ -166,12 +188,15 @@ class Path:
                 raise CorrectionFailed("the prediction is too far off")
             if correction > CONTRACTION * previous:
                 if fresh and correction > ACCEPTED:
-                    raise CorrectionFailed("corrections do not contract")
+                    if not self.damped:
+                        raise CorrectionFailed("corrections do not contract")
+                    predicted = self.plate.retract(start.balanced.state, dx)
+                    return self._damped(predicted, start.parameter + dp, row, along, length)
                 if not fresh:
-                    _, factors = _evaluate(self.plate, state, NONE)
+                    _, factors = _evaluate(self._member(parameter), state, NONE)
                     self.factorizations += 1
                     try:
-                        response, _ = factors.solve(self.force)
+                        response, _ = factors.solve(self._push(state, parameter))
                     except FactorizationError as error:
                         raise CorrectionFailed(str(error)) from error
                     fresh, previous = True, np.inf
@@ -182,6 +207,44 @@ class Path:
                 return self._settled(state, parameter, length, along, number)
             previous = correction
         raise CorrectionFailed("corrections contract too slowly")
+
+    def _damped(
+        self, state: Any, parameter: float, row: tuple[Array, float], along: Any, length: float,
+        most: int = 12,
+    ) -> Point:  # fmt: skip
+        """Return the equilibrium next to a guess, on the plane of `row`, by damped Newton steps.
+
+        Dearer than :meth:`_point`, but for thin plates the steps may be many times as long.
+        """
+
+        def solved(factors: Any, state: Any, parameter: float, response: Array) -> Any:
+            step, _ = factors.solve(-self._gradient(state, parameter))
+            change = -float(row[0] @ step) / (float(row[0] @ response) + row[1])
+            step = step + change * response
+            return step, change, self._norm(step, change)
+
+        for number in range(most):
+            try:
+                _, factors = _evaluate(self._member(parameter), state, NONE)
+                self.factorizations += 1
+                response, _ = factors.solve(self._push(state, parameter))
+                step, change, norm = solved(factors, state, parameter, response)
+                correction = float(np.max(np.abs(step) / self.size))
+                part = 1.0
+                while True:
+                    trial = self.plate.retract(state, part * step)
+                    left = solved(factors, trial, parameter + part * change, response)[2]
+                    if left <= (1.0 - 0.25 * part) * norm or correction <= ACCEPTED:
+                        break
+                    part *= 0.5
+                    if part < 1e-2:
+                        raise CorrectionFailed("damped corrections come to nothing")
+            except FactorizationError as error:
+                raise CorrectionFailed(str(error)) from error
+            state, parameter = trial, parameter + part * change
+            if correction <= ACCEPTED:
+                return self._settled(state, parameter, length, along, number)
+        raise CorrectionFailed("damped corrections contract too slowly")
 
     # -- the path ---------------------------------------------------------------------------------
 
@@ -313,3 +376,25 @@ class Path:
         uncertainty = float(max(0.5 * abs(beyond.parameter - before.parameter), slack))
         self.points.append(before)
         return Loss(before, beyond.index, parameter, uncertainty, kind, modes)
+
+
+class TimePath(Path):
+    """Equilibria of an evolving plate, whose time is the parameter."""
+
+    damped = True
+
+    def __init__(self, evolving: Any, state: Any, time: float, last: float, little: float) -> None:
+        self.evolving, self.last, self.little = evolving, last, little
+        self.plate, self.force = evolving.structure(time), NONE
+        self._begin(state, time, 1.0)
+
+    def _member(self, parameter: float) -> Any:
+        return member(self.evolving.structure, parameter)
+
+    def _unbalanced(self, gradient: Array, parameter: float) -> Array:
+        return gradient
+
+    def _push(self, state: Any, parameter: float) -> Array:
+        low, high = parameter - self.little, min(parameter + self.little, self.last)
+        ends = [self._member(time).evaluate(state, NONE, 1).gradient for time in (low, high)]
+        return (ends[0] - ends[1]) / (high - low)

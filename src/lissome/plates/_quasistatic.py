@@ -28,7 +28,7 @@ from .._corrector import (
 )
 from .._descent import descend, distance
 from ..equilibrium import Iteration, relative_residual
-from ..errors import FactorizationError, InvalidInput
+from ..errors import FactorizationError, InvalidInput, NotConverged
 from ..evolution import (
     EvolutionInterrupted,
     History,
@@ -38,6 +38,8 @@ from ..evolution import (
     _Lost,
     _Trial,
 )
+from ._path import TimePath
+from ._relax import relax
 
 Array = NDArray[np.float64]
 NONE = np.zeros(0)
@@ -46,6 +48,8 @@ NONE = np.zeros(0)
 EXAMINED = 1 / 16
 #: How far beyond a bifurcation to leave the symmetric states, over the time step.
 BEYOND = (0.06, 0.2, 0.6)
+#: Way of a gentle fall, in typical unknowns.
+NEAR = 0.5
 #: How far beyond a fold.
 FALLEN = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 
@@ -139,7 +143,22 @@ def fall(
                     if found.stable and found.energy < top and apart > 1e-6:
                         return found
                 break
+    push = signs[0] * 1e-3 * modes[0] / float(np.max(np.abs(modes[0]) / size))
+    try:
+        near = relax(structure, structure.retract(state, push), settled, farthest=NEAR)
+        if near.energy < top and distance(structure, state, near.state) > 1e-6:
+            return near
+    except CorrectionFailed:
+        pass  # no gentle way down, but a snap
     return as_balanced(descend(structure, source, modes, signs, interrupted))
+
+
+def settled(structure: Any, state: Any) -> Balanced:
+    """Return the stable equilibrium next to a state."""
+    found = next_to(structure, state)
+    if not found.stable:
+        raise CorrectionFailed("the equilibrium is not stable")
+    return found
 
 
 @dataclass
@@ -212,6 +231,8 @@ class PlateRun(_Evolution):
         while length > EXAMINED * self.step:
             if self.unstable and self.bifurcated(length):
                 return
+            if not self.unstable and self.traced(length):
+                return
             length *= 0.5
             try:
                 trial = self.attempt(length)
@@ -250,6 +271,41 @@ class PlateRun(_Evolution):
             return
         self.accept(trial, self.time + length)
         self.size = 2.0 * length
+
+    def traced(self, failed: float) -> bool:
+        """Go on along the arc of equilibria, over a fold if there is one; False if that fails.
+
+        Near a fold, and where a mode is nearly neutral, a little time moves the plate far: the arc
+        length is then the better variable.
+        """
+        end = min(self.time + 2.0 * failed, self.until)
+        try:
+            path = TimePath(
+                self.evolving, self.balanced.state, self.time, self.until, 1e-3 * self.step
+            )
+            loss = path.to_loss(end, self.time_tolerance / end, most=60)
+        except (CorrectionFailed, FactorizationError, NotConverged):
+            return False
+        within = [p for p in path.points[1:] if self.time < p.parameter <= self.until]
+        if loss is not None and loss.kind != "fold":
+            return False
+        if not within:
+            return False
+        reached = within[-1]
+        self.accept(_Trial(reached.parameter, reached.balanced, 0.0), reached.parameter)
+        self.last = None  # steps in time are foretold by steps in time
+        if loss is None:
+            self.size = failed
+            return True
+        signs: Sequence[int] = (1, -1)
+        mode = loss.modes[0]
+        metric = np.asarray(reached.balanced.structure.metric(reached.balanced.state), dtype=float)
+        if float(reached.tangent[0] @ (metric * mode)) < 0:
+            mode = -mode
+        self.leave(
+            loss.parameter, loss.uncertainty, np.array([mode]), signs, FALLEN, None
+        )  # fmt: skip
+        return True
 
     # -- bifurcations -----------------------------------------------------------------------------
 
