@@ -821,7 +821,7 @@ class History:
 
     @cached_property
     def crest(self) -> Array:
-        """Arc length of the highest or lowest point, where the strip is farthest from its chord."""
+        """Arc length of the point that is farthest from the chord (its highest or lowest), shape (r,)."""
         y = self.y
         row = np.arange(y.shape[0])
         k = np.clip(np.argmax(np.abs(y), axis=1), 1, y.shape[1] - 2)

@@ -104,12 +104,12 @@ class ElasticaEquilibrium(Equilibrium):
 
     @property
     def x(self) -> Array:
-        """Horizontal positions of the nodes."""
+        """Horizontal positions of the nodes, shape (nodes,), in units of the length."""
         return self.positions[:, 0]
 
     @property
     def y(self) -> Array:
-        """Vertical positions of the nodes."""
+        """Vertical positions of the nodes, shape (nodes,), in units of the length."""
         return self.positions[:, 1]
 
     @property
@@ -212,12 +212,12 @@ class Elastica(BaseStructure):
 
     @property
     def spontaneous(self) -> Array:
-        """Present natural curvature :math:`K_0` of each spring."""
+        """Present natural curvature :math:`K_0` of each spring, shape (k - 1,), in units of 1/length."""
         return self._curvature  # type: ignore[attr-defined]
 
     @property
     def at_rest(self) -> Array:
-        """Natural curvature :math:`K_r` of each spring without light."""
+        """Natural curvature :math:`K_r` of each spring without light, shape (k - 1,), units of 1/length."""
         return self._natural_curvature  # type: ignore[attr-defined]
 
     def with_curvature(self, curvature: ArrayLike) -> Any:
@@ -370,7 +370,7 @@ class Elastica(BaseStructure):
 
     @property
     def node_positions(self) -> Array:
-        """Arc length of the nodes that :meth:`positions` returns."""
+        """Arc length of the nodes that :meth:`positions` returns, shape (nodes,), in units of the length."""
         return np.arange(self.segments + 1) / self.segments
 
     def under(self, light: Light) -> Any:

@@ -79,6 +79,11 @@ class ParallelLight:
         face : float, optional
             +1 for the face to the left of the tangent, -1 for the other one; by default the face
             that a flat strip turns to the source.
+
+        Returns
+        -------
+        ndarray
+            Of the broadcast shape of `x`, `y` and `theta`, in the unit of the intensity.
         """
         if face is None:
             face = 1.0 if self.side == "upper" else -1.0

@@ -57,7 +57,7 @@ class SpontaneousHistory:
 
     @property
     def scaled_times(self) -> Array:
-        """Times over the time scale of the heat problem, t D/h^2 for one diffusivity."""
+        """Times over the time scale of the heat problem, shape (m,): t D/h^2 for one diffusivity."""
         return self.times / self.temperature.problem.time_scale
 
     def at(self, time: Any) -> Spontaneous:

@@ -48,7 +48,10 @@ class Director:
     """
 
     def angle(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the angle of the director at points `x`, `y` (radians; half a turn means nothing)."""
+        """Return the angle of the director at points `x`, `y`, of their shape.
+
+        In radians; half a turn means nothing.
+        """
         raise NotImplementedError
 
     def tensor(self, x: ArrayLike, y: ArrayLike, along: ArrayLike, across: ArrayLike) -> Array:

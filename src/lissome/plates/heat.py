@@ -197,7 +197,7 @@ class TemperatureProfile:
 
     @property
     def breaks(self) -> Array:
-        """Ends of the elements: between them the profile is smooth."""
+        """Ends of the elements, shape (n + 1,): between them the profile is smooth."""
         return self.nodes[::2]
 
     def __call__(self, z: ArrayLike) -> Array:
@@ -253,7 +253,7 @@ class TemperatureHistory:
 
     @property
     def scaled_times(self) -> Array:
-        """Times over :attr:`Conduction.time_scale`: t D/h^2 for a uniform plate."""
+        """Times over :attr:`Conduction.time_scale`, shape (m,): t D/h^2 for a uniform plate."""
         return self.times / self.problem.time_scale
 
     def at(self, time: Any) -> TemperatureProfile:
@@ -280,13 +280,14 @@ class TemperatureHistory:
         )
 
     def heat(self, time: Any) -> Array:
-        """Return the heat content per area, counted from temperature zero, at `time`."""
+        """Return the heat content per area, counted from temperature zero, of the shape of `time`."""
         return self._interpolated(time)[0] @ self.problem._system.capacity
 
     def inflow(self, time: Any) -> tuple[Array, Array]:
-        """Return the heat flux into the plate through the bottom and through the top at `time`.
+        """Return the heat flux into the plate through the bottom and the top, each of the shape of `time`.
 
-        At fixed faces it is the reaction that balances the heat of the plate exactly.
+        Energy per area and time. At fixed faces it is the reaction that balances the heat of the plate
+        exactly.
         """
         values, rates = self._interpolated(time)
         system = self.problem._system
@@ -384,7 +385,7 @@ class Conduction:
 
     @cached_property
     def nodes(self) -> Array:
-        """Heights of the nodes: ends and middles of the elements, increasing."""
+        """Heights of the nodes, increasing, shape (2 n + 1,): ends and middles of n elements."""
         spread = 0.5 - 0.5 * np.cos(np.pi * np.arange(self.elements + 1) / self.elements)
         interfaces = self.laminate.interfaces
         ends = [

@@ -262,7 +262,10 @@ class Spontaneous:
 
     @property
     def strain_difference(self) -> Array:
-        """Strain across minus along: radial minus azimuthal where the director runs in circles."""
+        """Strain across minus along, of their shape.
+
+        Radial minus azimuthal where the director runs in circles.
+        """
         return self.strain_across - self.strain_along
 
     def fields(self, director: Director, length: float = 1.0) -> dict[str, DirectedTensor]:
@@ -301,7 +304,7 @@ class Spontaneous:
 
     @property
     def curvature_difference(self) -> Array:
-        """Curvature across minus along."""
+        """Curvature across minus along, of their shape (1/length)."""
         return self.curvature_across - self.curvature_along
 
 
@@ -393,7 +396,7 @@ class Laminate:
         return heights
 
     def layer_at(self, z: ArrayLike) -> NDArray[np.intp]:
-        """Return the index of the layer at heights `z` (an interface belongs to the upper one).
+        """Return the index of the layer at heights `z`, of their shape (an interface belongs to the upper).
 
         Raises
         ------
@@ -411,7 +414,7 @@ class Laminate:
         return np.clip(found, 0, len(self.layers) - 1)
 
     def modulus_at(self, z: ArrayLike) -> Array:
-        """Return Young's modulus at heights `z` from the middle of the thickness."""
+        """Return Young's modulus at heights `z` from the middle of the thickness, of their shape."""
         z = np.asarray(z, dtype=float)
         index = self.layer_at(z)
         result = np.empty(z.shape)

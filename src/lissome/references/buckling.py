@@ -147,7 +147,7 @@ class HeavyCantilever:
     coefficients: Array = field(repr=False)
 
     def angle(self, position: npt.ArrayLike) -> Array:
-        """Tangent angle at arc lengths `position` in [0, 1].
+        """Tangent angle (rad) at arc lengths `position` in [0, 1], of their shape.
 
         Raises
         ------
@@ -158,7 +158,7 @@ class HeavyCantilever:
         return np.asarray(chebyshev.chebval(2.0 * s - 1.0, self.coefficients))
 
     def curvature(self, position: npt.ArrayLike) -> Array:
-        """Curvature at arc lengths `position` in [0, 1].
+        """Curvature (1/L) at arc lengths `position` in [0, 1], of their shape.
 
         Raises
         ------

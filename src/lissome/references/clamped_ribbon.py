@@ -121,7 +121,7 @@ class Ribbon:
         return np.asarray(0.5 * total)
 
     def moments(self, k1: npt.NDArray, k3: npt.NDArray) -> tuple[npt.NDArray, npt.NDArray]:
-        """Moments m1 and m3 for strains `k1`, `k3` in units of 1/L."""
+        """Moments m1 and m3 in units of A1/L, of the shape of the strains `k1`, `k3` (1/L)."""
         if not self.crossover:
             return k1, self.twisting * k3
         base = self.crossover**-2 + k1**2
@@ -130,7 +130,7 @@ class Ribbon:
     def moduli(
         self, k1: npt.NDArray, k3: npt.NDArray
     ) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
-        """Second derivatives W11, W13, W33 for strains `k1`, `k3` in units of 1/L."""
+        """Second derivatives W11, W13, W33 in units of A1, of the shape of the strains `k1`, `k3` (1/L)."""
         if not self.crossover:
             return 1.0 + 0.0 * k1, 0.0 * k1, self.twisting + 0.0 * k1
         c = self.crossover**-2
@@ -197,12 +197,12 @@ class Equilibrium:
 
     @property
     def force(self) -> Array:
-        """Force that the part beyond a section exerts on the part before it, in space."""
+        """Force of the part beyond a section on the part before it, in space, shape (3,), in A1/L^2."""
         return np.array(self.solution.parameters[:3])
 
     @property
     def middle(self) -> Array:
-        """Middle of the center line."""
+        """Middle of the center line, shape (3,), over L."""
         return np.array(self.solution.at(0.5)[:3])
 
     @property

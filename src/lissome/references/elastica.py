@@ -75,7 +75,7 @@ class BuckledStrip:
         return float(2.0 * np.arcsin(self.modulus))
 
     def angle(self, position: npt.ArrayLike) -> Array:
-        r"""Tangent angle :math:`2\arcsin[k\,\mathrm{sn}(\sqrt P s)]` at arc lengths `position`.
+        r"""Tangent angle :math:`2\arcsin[k\,\mathrm{sn}(\sqrt P s)]` (rad), of the shape of `position`.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class BuckledStrip:
         return np.asarray(2.0 * np.arcsin(self.modulus * sn))
 
     def curvature(self, position: npt.ArrayLike) -> Array:
-        r"""Curvature :math:`2k\sqrt P\,\mathrm{cn}(\sqrt P s)` at arc lengths `position`.
+        r"""Curvature :math:`2k\sqrt P\,\mathrm{cn}(\sqrt P s)`, of the shape of the arc lengths `position`.
 
         Raises
         ------

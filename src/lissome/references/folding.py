@@ -137,7 +137,7 @@ class FoldedRing:
         return np.asarray(2.0 * np.real(wave @ hat) / _TWO_PI)
 
     def spectrum(self, *, count: int = 8) -> Array:
-        """Lowest `count` eigenvalues of the second variation; four of them are neutral motions."""
+        """Lowest eigenvalues of the second variation, shape (`count`,); four of them are neutral motions."""
         modes = 4 * self.coefficients.shape[1]
         s = np.arange(4 * modes) / (4.0 * modes)
         return second_variation_spectrum(

@@ -63,6 +63,11 @@ def clamped_square(degree: int = 30) -> LinearPlate:
     -------
     LinearPlate
 
+    Raises
+    ------
+    InvalidInput
+        If the degree is negative.
+
     Examples
     --------
     >>> from lissome.references.linear_plate import clamped_square

@@ -342,7 +342,7 @@ class Band:
 
     @property
     def load(self) -> Array:
-        """Force and moment about the origin along the second and third axis, in D w."""
+        """Force and moment about the origin along the second and third axis, shape (4,), in D w."""
         return self.point.parameters[:4]
 
     def _local(self, y: Array) -> _Local:
@@ -409,13 +409,13 @@ class Band:
         return np.stack([k1, np.zeros_like(k1), k3], axis=-1)
 
     def ruling(self, position: npt.ArrayLike) -> Array:
-        """Ruling parameter eta = kappa_3/kappa_1 at arc lengths `position` in [0, 1]."""
+        """Ruling parameter eta = kappa_3/kappa_1 at arc lengths `position` in [0, 1], of their shape."""
         s = self._positions(position)
         at = self._local(self._values(s)[0].reshape(s.size, -1).T)
         return np.asarray(at.ruling.reshape(s.shape))
 
     def density(self, position: npt.ArrayLike) -> Array:
-        """Energy per arc length, in D w/L^2, at arc lengths `position` in [0, 1]."""
+        """Energy per arc length, in D w/L^2, at arc lengths `position` in [0, 1], of their shape."""
         s = self._positions(position)
         at = self._local(self._values(s)[0].reshape(s.size, -1).T)
         value = 0.5 * at.bending**2 * (1 + at.ruling**2) ** 2 * at.stretch

@@ -338,7 +338,7 @@ class AxisymmetricState:
 
     @cached_property
     def stresses(self) -> tuple[Array, Array]:
-        """Radial and azimuthal stress resultants at the collocation points (pieces, points)."""
+        """Radial and azimuthal stress resultants at the collocation points, shape (pieces, points) each."""
         er, et, _, _ = self._fields()
         nu = self.disc.poisson
         c = self.disc.stretching / (1 - nu**2)
@@ -366,15 +366,15 @@ class AxisymmetricState:
         return out
 
     def deflection(self, radius: ArrayLike) -> Array:
-        """Return w, measured from the edge, at distances `radius` from the center."""
+        """Return w, measured from the edge, at distances `radius` from the center, of their shape."""
         return self._interpolate(self._parts["w"], radius)
 
     def slope(self, radius: ArrayLike) -> Array:
-        """Return w' at distances `radius` from the center."""
+        """Return w' at distances `radius` from the center, of their shape."""
         return self._interpolate(self._parts["r"] * self._parts["s"], radius)
 
     def displacement(self, radius: ArrayLike) -> Array:
-        """Return u at distances `radius` from the center."""
+        """Return u at distances `radius` from the center, of their shape."""
         return self._interpolate(self._parts["r"] * self._parts["p"], radius)
 
     def softest(self, waves: int, terms: int = 16) -> float:

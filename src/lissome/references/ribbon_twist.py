@@ -138,14 +138,14 @@ class Ribbon:
         return np.asarray(0.5 * (self.hard_bending * one**2 + soft + self.twisting * three**2))
 
     def moments(self, k2: npt.NDArray, k3: npt.NDArray) -> tuple[npt.NDArray, npt.NDArray]:
-        """Moments m2 and m3 in units of A2/R, for strains `k2`, `k3` in units of 1/R."""
+        """Moments m2 and m3 in units of A2/R, of the shape of the strains `k2`, `k3` (1/R)."""
         base = self.extensibility**-2 + k2**2
         return k2 - k3**4 * k2 / base**2, self.twisting * k3 + 2.0 * k3**3 / base
 
     def tangent_moduli(
         self, k2: npt.NDArray, k3: npt.NDArray
     ) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
-        """Second derivatives W22, W23, W33 in units of A2, for strains `k2`, `k3` in units of 1/R."""
+        """Second derivatives W22, W23, W33 in units of A2, of the shape of the strains `k2`, `k3` (1/R)."""
         c = self.extensibility**-2
         base = c + k2**2
         return (
@@ -155,9 +155,9 @@ class Ribbon:
         )
 
     def ellipticity(self, k2: npt.NDArray, k3: npt.NDArray) -> npt.NDArray:
-        """Determinant W22 W33 - W23^2 for strains `k2`, `k3`: where it is positive W is convex there.
+        """Determinant W22 W33 - W23^2, of the shape of the strains `k2`, `k3` (1/R).
 
-        W33 is always positive.
+        The Hessian is positive definite where it is positive, since W33 always is.
         """
         bend, mixed, twist = self.tangent_moduli(k2, k3)
         return bend * twist - mixed**2
@@ -198,7 +198,7 @@ class Equilibrium:
 
     @property
     def midpoint(self) -> Array:
-        """Coordinates of the middle of the ribbon, units of R: along x, out of plane, in plane."""
+        """Middle of the ribbon, shape (3,), units of R: along x, out of plane, in plane."""
         return np.array(self.solution.nodes[-1, :3])
 
     @property
@@ -209,12 +209,12 @@ class Equilibrium:
 
     @property
     def force(self) -> Array:
-        """Force along x, y and z that the far half exerts on the first, units of A2/R^2."""
+        """Force along x, y and z that the far half exerts on the first, shape (3,), units of A2/R^2."""
         return np.array([*self.solution.parameters[:2], 0.0])
 
     @property
     def clamp_strains(self) -> Array:
-        """Strains k1, k2, k3 at the clamp, units of 1/R."""
+        """Strains k1, k2, k3 at the clamp, shape (3,), units of 1/R."""
         return self.strains(0.0)
 
     @cached_property
@@ -322,7 +322,7 @@ class Branch:
 
     @property
     def twist(self) -> Array:
-        """Angles of the clamps, rad."""
+        """Angles of the clamps, rad, shape (k,)."""
         return np.array([state.twist for state in self.states])
 
     @property
@@ -332,7 +332,7 @@ class Branch:
 
     @property
     def margin(self) -> Array:
-        """Least determinant of the Hessian, per state."""
+        """Least determinant of the Hessian, per state, shape (k,)."""
         return np.array([state.margin for state in self.states])
 
 

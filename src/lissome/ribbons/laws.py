@@ -122,7 +122,7 @@ def width_factor(v: ArrayLike) -> Array:
     Returns
     -------
     ndarray
-        At least 1; 1 at zero, infinite at the ends.
+        Of the shape of `v`: at least 1; 1 at zero, infinite at the ends.
 
     Raises
     ------
@@ -267,6 +267,11 @@ class RibbonLaw:
         ----------
         bending, ruling, slope : array_like
             :math:`\kappa_1` (1/length), :math:`\eta` and :math:`\eta'` (1/length); broadcast.
+
+        Returns
+        -------
+        ndarray
+            Energy over length, of the broadcast shape.
 
         Raises
         ------

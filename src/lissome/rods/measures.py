@@ -254,7 +254,7 @@ def psi(t: ArrayLike) -> Array:
     Returns
     -------
     ndarray
-        Values between 1 and pi/2, accurate to round-off down to t = 0.
+        Of the shape of `t`: values between 1 and pi/2, accurate to round-off down to t = 0.
 
     Raises
     ------

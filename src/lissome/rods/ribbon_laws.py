@@ -564,6 +564,7 @@ def ribbon_phi(v: ArrayLike) -> Array:
     Returns
     -------
     ndarray
+        Of the shape of `v`.
 
     Raises
     ------
