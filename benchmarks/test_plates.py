@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +18,7 @@ from lissome.plates import meshes
 from lissome.plates._fvk_kernel import membrane
 from lissome.plates.fvk import MixedPlate, Plate
 from lissome.plates.snap import critical_curvature, dome
+from lissome.references.linear_plate import clamped_square
 from lissome.references.plate import AxisymmetricDisc, fold
 
 NU = 0.5
@@ -111,12 +115,13 @@ def test_compiled_assembly(benchmark, measure):
 
 # -- one equilibrium ------------------------------------------------------------------------------
 
-# The thesis's orders need some 30 000 unknowns for 1e-3, and minutes: they are held to 1e-2, and the
-# scheme of equal order, which is better, to 1e-3.
-SHAPES = {1e-2: "equilibrium of the dome, energy to 1e-2", 1e-3: "the same, energy to 1e-3"}
+# The thesis's orders need some 30 000 unknowns for 1e-3, and many minutes: they are held to 1e-2 and
+# 5e-3, and the scheme of equal order, which is better, to 1e-3.
+SHAPES = {1e-2: "equilibrium of the dome, energy to 1e-2", 5e-3: "the same, energy to 5e-3",
+          1e-3: "the same, energy to 1e-3"}  # fmt: skip
 ROBUST = "augmented Lagrangian, robust"
-MIXED = {1e-2: (8, (2, 1)), 1e-3: (6, (2, 2))}
-BETTER = {1e-2: (3, 2), 1e-3: (4, 2)}
+MIXED = {1e-2: (8, (2, 1)), 5e-3: (12, (2, 1)), 1e-3: (6, (2, 2))}
+BETTER = {1e-2: (3, 2), 5e-3: (3, 2), 1e-3: (4, 2)}
 
 
 @cache
@@ -124,17 +129,17 @@ def energy():
     return DOME.solve(height=0.1).energy
 
 
-def solved(benchmark, structure, tolerance, rounds):
+def solved(benchmark, structure, tolerance, rounds, warmup=True):
     start = structure.interpolate(cone)
     found = benchmark.pedantic(
-        ls.equilibrate, args=(structure, start), rounds=rounds, warmup_rounds=1
+        ls.equilibrate, args=(structure, start), rounds=rounds, warmup_rounds=int(warmup)
     )
     assert abs(found.energy / energy() - 1) < tolerance
     # As many factorizations as lines of the history: one on each iterate.
     assert len(found.history) <= 8
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+@pytest.mark.parametrize("tolerance", [1e-2, 5e-3, 1e-3])
 def test_dome_by_the_mixed_scheme(benchmark, measure, tolerance):
     divisions, orders = MIXED[tolerance]
     structure = MixedPlate(
@@ -143,15 +148,73 @@ def test_dome_by_the_mixed_scheme(benchmark, measure, tolerance):
     )  # fmt: skip
     note = f"degrees {orders}, {structure.size} unknowns, {structure.constraints_count} multipliers"
     measure(ROBUST, group=SHAPES[tolerance], note=note)
-    solved(benchmark, structure, tolerance, 2)
+    solved(benchmark, structure, tolerance, 1 if tolerance == 5e-3 else 2, tolerance != 5e-3)
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+@pytest.mark.parametrize("tolerance", [1e-2, 5e-3, 1e-3])
 def test_dome_by_hellan_herrmann_johnson(benchmark, measure, tolerance):
     structure = plate(*BETTER[tolerance])
     measure("Hellan-Herrmann-Johnson", group=SHAPES[tolerance], against=ROBUST, at_least=5,
             note=f"degree 2, {structure.size} unknowns")  # fmt: skip
     solved(benchmark, structure, tolerance, 5)
+
+
+# -- a linear plate ------------------------------------------------------------------------------
+
+LINEAR = "clamped plate under a small load, compliance to 1e-3"
+DOLFINX = "dolfinx, interior penalty of degree 3"
+
+
+PYTHON = "/usr/bin/python3"  # Debian's own, for which it packages dolfinx
+
+
+@cache
+def has_dolfinx():
+    command = [PYTHON, "-I", "-c", "import dolfinx"]
+    return (
+        Path(PYTHON).exists()
+        and not subprocess.run(command, capture_output=True, check=False).returncode
+    )
+
+
+def test_linear_plate_by_dolfinx(benchmark, measure):
+    """In the Python of Debian, where its package is; the time is from asking to the answer."""
+    if not has_dolfinx():
+        pytest.skip("no dolfinx in Debian's Python: apt-get install python3-dolfinx")
+    script = Path(__file__).with_name("peer_dolfinx.py")
+    measure(DOLFINX, group=LINEAR, note="assembles and solves once, 1201 unknowns")
+    alone = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
+    with subprocess.Popen(
+        [PYTHON, str(script), "3", "8"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        stderr=subprocess.DEVNULL, env=alone | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    ) as peer:  # fmt: skip
+
+        def ask():
+            peer.stdin.write("once more\n")
+            peer.stdin.flush()
+            return next(line for line in peer.stdout if line.startswith("answer")).split()[1:]
+
+        # The first answer waits for its compiler.
+        unknowns, compliance = benchmark.pedantic(ask, rounds=10, warmup_rounds=2)
+        peer.stdin.close()
+    assert int(unknowns) == 1201
+    assert abs(float(compliance) / clamped_square().compliance - 1) < 1e-3
+
+
+def test_linear_plate(benchmark, measure):
+    measure("Hellan-Herrmann-Johnson of degree 3", group=LINEAR, against=DOLFINX if has_dolfinx() else None,
+            note="space, assembly, solution, and that it is stable; 483 unknowns")  # fmt: skip
+    mesh, load = skfem.MeshTri.init_sqsymmetric().refined(1), 1e-4
+
+    def run():
+        clamped = Plate(
+            mesh=mesh, bending=1 - 0.3**2, poisson=0.3, edges="clamped", pressure=load, degree=3
+        )  # fmt: skip
+        return ls.equilibrate(clamped)
+
+    found = benchmark.pedantic(run, rounds=10, warmup_rounds=1)
+    assert found.structure.size == 483
+    assert abs(-2 * found.energy / load**2 / clamped_square().compliance - 1) < 1e-3
 
 
 # -- a critical curvature -------------------------------------------------------------------------

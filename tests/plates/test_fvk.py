@@ -10,7 +10,7 @@ from skfem.helpers import ddot, eye, grad, sym_grad, trace
 import lissome as ls
 from lissome.errors import InvalidInput
 from lissome.plates import Defect, Laminate, Layer, SigmoidCurve, meshes
-from lissome.plates.fvk import Plate, PlateState
+from lissome.plates.fvk import MixedPlate, Plate, PlateState
 from lissome.references.plate import AxisymmetricDisc, buckling_strain, fold
 
 NONE = np.zeros(0)
@@ -415,16 +415,51 @@ def test_bad_meshes_are_refused():
     flat = skfem.MeshTri(np.array([[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]]), np.array([[0], [1], [2]]))
     parts = skfem.MeshTri(np.hstack([p[:, :3], p[:, :3] + 5]), np.array([[0, 3], [1, 4], [2, 5]]))
     nan = skfem.MeshTri(np.where(p == 1.0, np.nan, p), np.array([[0, 1], [1, 2], [2, 3]]))
-    for mesh, words in ((flat, "degenerate"), (parts, "parts"), (nan, "not finite")):
-        with pytest.raises(InvalidInput, match=words):
-            Plate(mesh=mesh, bending=1e-3, poisson=0.3)
+    # Two triangles that only a vertex joins; two on the same side of their edge; a fan of 480 degrees.
+    star = np.array([[0.0, 1.0, 0.0, -1.0, 0.0], [0.0, 0.0, 1.0, 0.0, -1.0]])
+    hinge = skfem.MeshTri(star, np.array([[0, 0], [1, 3], [2, 4]]))
+    fold = skfem.MeshTri(p, np.array([[0, 0], [1, 1], [2, 3]]))
+    angle = np.deg2rad(60.0) * np.arange(9)
+    fan = np.hstack([np.zeros((2, 1)), [np.cos(angle), np.sin(angle)]])
+    spiral = skfem.MeshTri(fan, np.array([np.zeros(8, int), np.arange(1, 9), np.arange(2, 10)]))
+    unused = skfem.MeshTri(star, np.array([[0], [1], [4]]))
+    for mesh, words in (
+        (flat, "degenerate"), (parts, "2 parts"), (nan, "not finite"), (hinge, "along an edge"),
+        (fold, "overlap"), (spiral, "overlap"), (unused, "belong to no triangle"),
+    ):  # fmt: skip
+        for scheme in (Plate, MixedPlate):
+            with pytest.raises(InvalidInput, match=words):
+                scheme(mesh=mesh, bending=1e-3, poisson=0.3)
 
 
 def test_states_of_other_meshes_are_refused():
     with pytest.raises(InvalidInput, match="another mesh"):
         ls.equilibrate(dome(2), dome(3).start())
+    with pytest.raises(InvalidInput, match="ndarray; it must be a PlateState"):
+        ls.equilibrate(dome(2), np.zeros(dome(2).space.size))
     with pytest.raises(InvalidInput, match="not in the mesh"):
         dome(2).deflection_at([[2.0, 0.0]], dome(2).start())
+    with pytest.raises(InvalidInput, match="`points`"):
+        dome(2).displacement_at([[np.nan, 0.0]], dome(2).start())
+    with pytest.raises(InvalidInput, match="subdivisions"):
+        dome(2).surface(dome(2).start(), 0)
+
+
+@pytest.mark.parametrize(
+    ("functions", "words"),
+    [
+        ((lambda x, y: 1 / np.hypot(x, y), None), "`deflection` is not finite at the node"),
+        ((lambda x, y: np.zeros(3), None), r"`deflection` returned an array of shape \(3,\)"),
+        ((None, lambda x, y: np.zeros((len(x), 3))), "`displacement` returned"),
+        ((0.1, None), "pass a function"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:divide by zero")
+def test_starts_that_are_no_shapes_are_refused(functions, words):
+    for scheme in (Plate, MixedPlate):
+        plate = scheme(mesh=meshes.disc(0.5, 1), bending=1e-3, poisson=0.3)
+        with pytest.raises(InvalidInput, match=words):
+            plate.interpolate(*functions)
 
 
 def test_membrane_blocks_are_those_of_generic_forms():

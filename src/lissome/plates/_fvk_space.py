@@ -74,19 +74,45 @@ def check_mesh(mesh: Any) -> None:
             f"argument `mesh` has {mesh.nvertices - len(used)} vertices that belong to no triangle; "
             "remove them (scikit-fem: `mesh.remove_unused_nodes()`)"
         )
-    links = sparse.coo_matrix(
-        (np.ones(mesh.facets.shape[1]), tuple(mesh.facets)), shape=(mesh.nvertices,) * 2
-    )
-    parts, _ = sparse.csgraph.connected_components(links, directed=False)
-    if parts > 1:
-        raise InvalidInput(
-            f"argument `mesh` has {parts} parts that do not touch; solve each as a plate of its own"
-        )
     touching = np.bincount(mesh.t2f.ravel(), minlength=mesh.facets.shape[1])
     if np.any(touching > 2):
         raise InvalidInput(
             f"argument `mesh` has {np.count_nonzero(touching > 2)} edges shared by more than two "
             "triangles; triangles overlap or are given twice"
+        )
+    # Triangles that meet at a vertex alone hang together by a hinge: they do not touch either.
+    inner = np.flatnonzero(touching == 2)
+    links = sparse.coo_matrix(
+        (np.ones(len(inner)), tuple(mesh.f2t[:, inner])), shape=(mesh.t.shape[1],) * 2
+    )
+    parts, _ = sparse.csgraph.connected_components(links, directed=False)
+    if parts > 1:
+        raise InvalidInput(
+            f"argument `mesh` has {parts} parts that do not touch along an edge; solve each as a plate "
+            "of its own, or give them common vertices and edges"
+        )
+    corners = mesh.p[:, mesh.t]  # (2, 3, T)
+    ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    cross = ahead[0] * back[1] - ahead[1] * back[0]
+    angles = np.arctan2(np.abs(cross), np.sum(ahead * back, axis=0))
+    around = np.bincount(mesh.t.ravel(), weights=angles.ravel(), minlength=mesh.nvertices)
+    # Seen from an inner edge, its two triangles lie on different sides.
+    ends = mesh.p[:, mesh.facets[:, inner]]
+    along = ends[:, 1] - ends[:, 0]
+    sides = []
+    for triangle in mesh.f2t[:, inner]:
+        middle = corners[:, :, triangle].mean(axis=1) - ends[:, 0]
+        sides.append(along[0] * middle[1] - along[1] * middle[0])
+    folded = sides[0] * sides[1] > 0
+    if np.any(folded) or np.any(around > 2 * np.pi * (1 + 1e-9)):
+        x, y = (
+            ends[:, :, np.argmax(folded)].mean(axis=1)
+            if np.any(folded)
+            else mesh.p[:, int(np.argmax(around))]
+        )
+        raise InvalidInput(
+            f"argument `mesh` has triangles that overlap, next to ({x:.4g}, {y:.4g}); a plate is flat "
+            "and covers each place once"
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from .._validate import integer_at_least
+from .._validate import finite_array, integer_at_least
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
 from ..factorization import Factorization, SparseKKT
@@ -210,6 +210,11 @@ class PlateUnknowns(BaseStructure):
         return (b.x - a.x)[self.space.free]
 
     def _vector(self, state: PlateState) -> Array:
+        if not isinstance(state, PlateState):
+            raise InvalidInput(
+                f"the state is of type {type(state).__name__}; it must be a PlateState, such as "
+                "`plate.start()` or `plate.interpolate(...)`"
+            )
         if state.x.shape != (self.space.size,):
             raise InvalidInput(
                 f"the state has {state.x.size} unknowns; this plate has {self.space.size}: it "
@@ -317,10 +322,10 @@ class PlateUnknowns(BaseStructure):
         return values[:, [[0, 1], [1, 2]]].reshape(*shape, 2, 2)
 
     def _locate(self, points: ArrayLike) -> tuple[Any, Any, tuple[int, ...]]:
-        array = np.asarray(points, dtype=float)
-        if array.shape[-1:] != (2,) or not np.all(np.isfinite(array)):
+        array = finite_array("points", points)
+        if array.shape[-1:] != (2,):
             raise InvalidInput(
-                f"argument `points` has shape {array.shape}; it must hold finite pairs (..., 2)"
+                f"argument `points` has shape {array.shape}; it must hold pairs (..., 2)"
             )
         flat = array.reshape(-1, 2)
         corners = self.space.geometry.corners
@@ -394,13 +399,35 @@ class PlateUnknowns(BaseStructure):
         out = np.zeros(self.space.size)
         u, w, _ = self._parts(out)
         if displacement is not None:
-            value = np.asarray(displacement(*positions[0].T), dtype=float)
-            u[:] = np.broadcast_to(value, (len(positions[0]), 2)).T
+            u[:] = _values("displacement", displacement, positions[0], (2,)).T
         if deflection is not None:
-            w[:] = np.asarray(deflection(*positions[1].T), dtype=float)
-        if not np.all(np.isfinite(out)):
-            raise InvalidInput("the functions to interpolate are not finite at every node")
+            w[:] = _values("deflection", deflection, positions[1], ())
         return out
+
+
+def _values(
+    name: str, function: Callable[..., ArrayLike], x: Array, tail: tuple[int, ...]
+) -> Array:
+    """Return values (nodes, *tail) of a function of the positions x, shape (nodes, 2)."""
+    if not callable(function):
+        raise InvalidInput(
+            f"argument `{name}` is {function!r}; pass a function of arrays x, y to interpolate"
+        )
+    value = np.asarray(function(*x.T), dtype=float)
+    try:
+        value = np.broadcast_to(value, (len(x), *tail))
+    except ValueError:
+        raise InvalidInput(
+            f"the function `{name}` returned an array of shape {value.shape} for x, y of shape "
+            f"({len(x)},); it must be {(len(x), *tail)}"
+        ) from None
+    if not np.all(np.isfinite(value)):
+        px, py = x[np.argwhere(~np.isfinite(value))[0][0]]
+        raise InvalidInput(
+            f"the function `{name}` is not finite at the node ({px:.6g}, {py:.6g}); a start has a value "
+            "at every node"
+        )
+    return value
 
 
 def fitted(values: Array, weights: Array, basis: Lagrange, points: Array) -> Array:
