@@ -178,6 +178,8 @@ def test_good_book(book):
 SLOW = """
 import os, pathlib, time
 import lissome
+import numpy
+import threadpoolctl
 from lissome._compile import jit
 
 @jit
@@ -194,6 +196,8 @@ def nap(n):
 pathlib.Path(f"../process-{os.getpid()}").write_text("")
 table = lissome.sweep(nap, {"n": [1, 2]})
 print(f"sum {table['value'].sum() + double(0.5)}, cache {double.stats.cache_path}")
+threads = {pool["num_threads"] for pool in threadpoolctl.threadpool_info()}
+print(f"threads {threads}, order of sets {hash('a') == int(os.environ['HASH_OF_A'])}")
 """
 
 
@@ -229,11 +233,16 @@ def test_a_build_that_is_killed_leaves_nothing_that_is_believed_and_nothing_that
     (book.root / "file").write_text("")
     lost = str(book.root / "file" / "below a file")
     nowhere = {"HOME": lost, "XDG_CACHE_HOME": None, "TZ": "", "LC_ALL": "C", "LANG": "C"}
-    status, said = book.build(**nowhere, LISSOME_CACHE=lost, PYTHONUTF8=None)
+    one_order = {**os.environ, "PYTHONHASHSEED": "0"}
+    command = [sys.executable, "-c", "print(hash('a'))"]
+    hashed = subprocess.run(command, capture_output=True, text=True, env=one_order).stdout.strip()
+    more = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "HASH_OF_A": hashed}
+    status, said = book.build(**nowhere, **more, LISSOME_CACHE=lost, PYTHONUTF8=None)
     assert status == 0, said
     assert f"This build keeps them in {out / 'cache' / 'lissome'}" in said
     page = book.page("1-slow")
     assert "sum 7.0, cache" in page
+    assert "threads {1}, order of sets True" in page, "sums have one order whatever is asked for"
     assert f"{out / 'cache' / 'lissome' / 'compiled'}" in page.replace("\n", "")
     assert not (out / "html.unfinished").exists()
 
