@@ -48,6 +48,8 @@ def ray_direction(angle: float) -> Array:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.plotting.planar import ray_direction
     >>> bool(np.allclose(ray_direction(0.0), [0.0, -1.0]))
     True
     """

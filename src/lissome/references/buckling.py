@@ -61,6 +61,7 @@ def end_loads(count: int = 1) -> Array:
 
     Examples
     --------
+    >>> from lissome.references.buckling import end_loads
     >>> end_loads(2)
     array([ 2.4674011, 22.2066099])
     """
@@ -94,6 +95,7 @@ def distributed_loads(count: int = 1) -> Array:
 
     Examples
     --------
+    >>> from lissome.references.buckling import distributed_loads
     >>> distributed_loads(2)
     array([ 7.83734744, 55.97702968])
     """
@@ -130,6 +132,8 @@ class HeavyCantilever:
     --------
     The free end is free of moment, and the clamp bears the moment of the weight:
 
+    >>> import numpy as np
+    >>> from lissome.references.buckling import heavy_cantilever
     >>> column = heavy_cantilever(12.0)
     >>> node, weight = np.polynomial.legendre.leggauss(20)
     >>> lever = 0.5 * weight @ column.points(0.5 * (node + 1))[:, 1]
@@ -216,6 +220,7 @@ def heavy_cantilever(load: float) -> HeavyCantilever:
 
     Examples
     --------
+    >>> from lissome.references.buckling import heavy_cantilever
     >>> column = heavy_cantilever(12.0)
     >>> round(column.x, 8), round(column.y, 8)
     (0.16213528, 0.84952693)
@@ -382,6 +387,7 @@ def end_load_tips(loads: npt.ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.references.buckling import end_load_tips
     >>> end_load_tips([2.0, 4.0]).round(6)
     array([[1.      , 0.      ],
            [0.27418 , 0.802407]])
@@ -416,6 +422,7 @@ def distributed_load_tips(loads: npt.ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.references.buckling import distributed_load_tips
     >>> distributed_load_tips([5.0, 12.0]).round(6)
     array([[1.      , 0.      ],
            [0.162135, 0.849527]])

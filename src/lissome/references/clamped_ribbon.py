@@ -71,6 +71,7 @@ class Ribbon:
 
     Examples
     --------
+    >>> from lissome.references.clamped_ribbon import Ribbon
     >>> ribbon = Ribbon.of(width=0.1, thickness=0.01, poisson_ratio=0.5)
     >>> round(ribbon.hard_bending), round(ribbon.twisting, 4), round(ribbon.crossover, 4)
     (100, 1.3333, 0.1118)
@@ -157,6 +158,7 @@ class Clamps:
 
     Examples
     --------
+    >>> from lissome.references.clamped_ribbon import Ribbon, arch
     >>> from lissome.references.elastica import buckled_strip
     >>> state = arch(Ribbon(100.0, 4 / 3), 0.25, elements=12)
     >>> state.clamps, round(state.energy / buckled_strip(0.75).energy, 6)
@@ -185,6 +187,7 @@ class Equilibrium:
     --------
     The planar arch is Euler's elastica, whatever the ribbon:
 
+    >>> from lissome.references.clamped_ribbon import Ribbon, arch
     >>> from lissome.references.elastica import buckled_strip
     >>> state, plane = arch(Ribbon(100.0, 4 / 3), 0.25, elements=12), buckled_strip(0.75)
     >>> print(f"{-state.force[0] / plane.thrust:.6f} {-state.middle[2] / plane.height:.6f}")
@@ -249,6 +252,8 @@ def arch(ribbon: Ribbon, shortening: float, *, elements: int = 24, stages: int =
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.references.clamped_ribbon import Ribbon, arch
     >>> ribbon = Ribbon(100.0, 4 / 3)
     >>> state = arch(ribbon, 1e-4)
     >>> print(f"{-state.force[0] / (4 * np.pi**2):.4f}")  # Euler's load
@@ -306,6 +311,7 @@ def moved(state: Equilibrium, control: Control, value: float, *, step: float = 0
 
     Examples
     --------
+    >>> from lissome.references.clamped_ribbon import Ribbon, arch, moved
     >>> start = arch(Ribbon(100.0, 4 / 3), 0.25)
     >>> state = moved(start, "shear", 0.1)
     >>> bool(state.energy > start.energy)
@@ -372,6 +378,7 @@ def pitchfork(
 
     Examples
     --------
+    >>> from lissome.references.clamped_ribbon import Ribbon, arch, pitchfork
     >>> start = arch(Ribbon(100.0, 4 / 3), 0.25, elements=16)
     >>> critical, mode = pitchfork(start, "shear", 0.4, step=0.05)
     >>> print(f"{critical.clamps.shear:.3f}")
@@ -452,6 +459,7 @@ def beyond(critical: Equilibrium, mode: Array, control: Control, amplitude: floa
     --------
     The two halves of the branch are mirror images: they need the same shear.
 
+    >>> from lissome.references.clamped_ribbon import Ribbon, arch, beyond, pitchfork
     >>> start = arch(Ribbon(100.0, 4 / 3), 0.25, elements=8, stages=3)
     >>> critical, mode = pitchfork(start, "shear", 0.3, step=0.1)
     >>> left, right = (beyond(critical, mode, "shear", size) for size in (0.05, -0.05))
@@ -512,6 +520,8 @@ def helicoid_load(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.references.clamped_ribbon import helicoid_load
     >>> round(helicoid_load(1.0, 1e9, 0.0, 0.0) / (4 * np.pi**2), 6)  # Euler's load
     -1.0
     """

@@ -56,6 +56,7 @@ class BuckledStrip:
     --------
     Pushing the clamps together by a little does the work of the thrust:
 
+    >>> from lissome.references.elastica import buckled_strip
     >>> near, far = buckled_strip(0.949), buckled_strip(0.951)
     >>> work = (near.energy - far.energy) / 0.002
     >>> print(f"{work:.3f} {buckled_strip(0.95).thrust:.3f}")
@@ -136,6 +137,7 @@ def buckled_strip(span: float) -> BuckledStrip:
 
     Examples
     --------
+    >>> from lissome.references.elastica import buckled_strip
     >>> strip = buckled_strip(0.95)
     >>> round(strip.thrust, 6), round(strip.height, 6)
     (40.493971, 0.140111)
@@ -215,6 +217,7 @@ def lowest_eigenvalues(span: float, *, rtol: float = 1e-11) -> tuple[float, floa
 
     Examples
     --------
+    >>> from lissome.references.elastica import lowest_eigenvalues
     >>> even, odd = lowest_eigenvalues(0.95)
     >>> round(even, 5)
     42.57018
@@ -276,6 +279,7 @@ def clamped_column_loads(count: int = 2) -> Array:
 
     Examples
     --------
+    >>> from lissome.references.elastica import clamped_column_loads
     >>> clamped_column_loads(2)
     array([39.4784176 , 80.76291423])
     """
@@ -312,6 +316,7 @@ class Cantilever:
     --------
     The moment at the clamp is the load times its lever arm; a small load F deflects by F/3:
 
+    >>> from lissome.references.elastica import transverse_cantilever
     >>> tip = transverse_cantilever(3.0)
     >>> print(f"{tip.clamp_moment / (tip.load * tip.x):.6f}")
     1.000000
@@ -352,6 +357,7 @@ def transverse_cantilever(load: float) -> Cantilever:
 
     Examples
     --------
+    >>> from lissome.references.elastica import transverse_cantilever
     >>> tip = transverse_cantilever(5.0)
     >>> round(tip.x, 6), round(tip.y, 6)
     (0.612372, 0.713792)
@@ -398,6 +404,7 @@ def compressed_cantilever(load: float) -> Cantilever:
 
     Examples
     --------
+    >>> from lissome.references.elastica import compressed_cantilever
     >>> tip = compressed_cantilever(4.0)
     >>> round(tip.x, 6), round(tip.y, 6)
     (0.27418, 0.802407)
@@ -433,6 +440,7 @@ def heavy_column_load() -> float:
 
     Examples
     --------
+    >>> from lissome.references.elastica import heavy_column_load
     >>> round(heavy_column_load(), 6)
     7.837347
     """

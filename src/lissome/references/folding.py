@@ -74,6 +74,8 @@ class FoldedRing:
     For equal stiffnesses the shape is known in closed form (:func:`even_fold`); nothing but the rigid
     motions and the shift along the rod is neutral.
 
+    >>> import numpy as np
+    >>> from lissome.references.folding import even_fold, folded_ring
     >>> from lissome.references.ring import RingSection
     >>> section = RingSection(2.0, 1.0, 1.0)
     >>> ring = folded_ring(section, 2.1)
@@ -183,6 +185,7 @@ def folded_ring(
 
     Examples
     --------
+    >>> from lissome.references.folding import folded_ring
     >>> from lissome.references.ring import RingSection
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> round(folded_ring(slinky, 1.5).distance, 6)
@@ -447,6 +450,7 @@ def even_fold(section: RingSection, overcurvature: float, position: npt.ArrayLik
 
     Examples
     --------
+    >>> from lissome.references.folding import even_fold
     >>> from lissome.references.ring import RingSection
     >>> even_fold(RingSection(2.0, 1.0, 1.0), 2.25, [0.0, 0.5])[:, :2].round(12) + 0.0
     array([[0., 0.],
@@ -494,6 +498,7 @@ def opposite_distance(section: RingSection, overcurvature: npt.ArrayLike) -> Arr
 
     Examples
     --------
+    >>> from lissome.references.folding import opposite_distance
     >>> from lissome.references.ring import RingSection
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> opposite_distance(slinky, [1.0, 2.0, 3.0]).round(6)
@@ -534,6 +539,7 @@ def crossing_overcurvature(section: RingSection) -> float:
 
     Examples
     --------
+    >>> from lissome.references.folding import crossing_overcurvature
     >>> from lissome.references.ring import RingSection
     >>> round(crossing_overcurvature(RingSection(2.0, 1.0, 1.0)), 9)
     2.25

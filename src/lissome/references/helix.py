@@ -52,6 +52,8 @@ class UniformHelix:
     --------
     Curvature 3 and twist 4 make a helix of radius 3/25 that rises by 4/5 of its length:
 
+    >>> import numpy as np
+    >>> from lissome.references.helix import uniform_helix
     >>> helix = uniform_helix(3.0, 4.0)
     >>> point = helix.points(1.0)
     >>> print(np.hypot(point[0], point[1]).round(9), point[2].round(9), helix.energy)
@@ -129,6 +131,7 @@ def uniform_helix(
 
     Examples
     --------
+    >>> from lissome.references.helix import uniform_helix
     >>> helix = uniform_helix(3.0, 4.0, natural_curvature=3.0, natural_twist=3.0)
     >>> helix.rise, helix.force, helix.torque
     (0.8, 5.0, 0.8)
@@ -189,6 +192,7 @@ def loaded_helix(
 
     Examples
     --------
+    >>> from lissome.references.helix import loaded_helix
     >>> spring = loaded_helix(5.0, 0.8, natural_curvature=3.0, natural_twist=3.0)
     >>> round(spring.curvature, 12), round(spring.twist, 12)
     (3.0, 4.0)

@@ -82,6 +82,7 @@ def eigenvalues(count: int = 1) -> Array:
 
     Examples
     --------
+    >>> from lissome.references.lateral_buckling import eigenvalues
     >>> round(float(eigenvalues()[0]), 6)
     41.304808
     """
@@ -112,6 +113,7 @@ def mode(position: npt.ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.references.lateral_buckling import mode
     >>> mode([0.0, 1.0])
     array([0., 1.])
     """
@@ -140,6 +142,7 @@ def linear_load(poisson_ratio: float) -> float:
 
     Examples
     --------
+    >>> from lissome.references.lateral_buckling import linear_load
     >>> round(linear_load(0.0), 4)
     18.1780
     """
@@ -161,6 +164,7 @@ def sadowsky_load(poisson_ratio: float) -> float:
 
     Examples
     --------
+    >>> from lissome.references.lateral_buckling import sadowsky_load
     >>> round(sadowsky_load(0.0), 3)
     21.491
     """
@@ -201,6 +205,7 @@ def curvature_scale(thickness: float, width: float, poisson_ratio: float) -> flo
 
     Examples
     --------
+    >>> from lissome.references.lateral_buckling import curvature_scale
     >>> round(curvature_scale(0.0925, 5.10, 0.4), 6)
     0.00112
     """
@@ -232,6 +237,7 @@ def phi(v: npt.ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.references.lateral_buckling import phi
     >>> float(phi(0.0)) * 360
     1.0
     """
@@ -267,6 +273,7 @@ class Postbuckling:
     --------
     A ribbon that hardly turns bears the critical load of the linear law:
 
+    >>> from lissome.references.lateral_buckling import linear_load, postbuckling
     >>> curve = postbuckling([1e-3], 0.4, elements=8)
     >>> print(f"{curve.load[0] / linear_load(0.4):.6f}")
     1.000000
@@ -309,6 +316,7 @@ def postbuckling(
 
     Examples
     --------
+    >>> from lissome.references.lateral_buckling import linear_load, postbuckling, sadowsky_load
     >>> curve = postbuckling([0.1, 10.0], 0.4)
     >>> bool(linear_load(0.4) < curve.load[0] < curve.load[1] < sadowsky_load(0.4))
     True
@@ -415,6 +423,7 @@ def overhang(
 
     Examples
     --------
+    >>> from lissome.references.lateral_buckling import overhang
     >>> round(overhang(1e-4, 0.0925, 1.88, 62.3, 0.4), 2)
     154.88
     """
@@ -456,6 +465,7 @@ def koiter_width_coefficient(poisson_ratio: float) -> float:
 
     Examples
     --------
+    >>> from lissome.references.lateral_buckling import koiter_width_coefficient
     >>> round(koiter_width_coefficient(0.0), 6)
     0.009906
     """

@@ -331,6 +331,8 @@ class Band:
     --------
     Half a turn about the first axis brings the band to itself; twist and writhe add to half a turn.
 
+    >>> import numpy as np
+    >>> from lissome.references.moebius import band
     >>> found = band(0.1, elements=12, stages=3, tolerance=0.1)
     >>> here, there = found.points([0.2, 0.8])
     >>> print(np.allclose(here * [1, -1, -1], there), f"{found.twist + found.writhe():.3f}")
@@ -552,6 +554,8 @@ def band(width: float, *, elements: int = 40, stages: int = 6, tolerance: float 
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.references.moebius import band
     >>> found = band(0.5 / np.pi)
     >>> round(found.energy, 6), round(found.twist + found.writhe(), 9)
     (64.737622, 0.5)

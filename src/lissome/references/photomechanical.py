@@ -73,6 +73,7 @@ def absorption_moment(thickness: float, depth: float) -> float:
 
     Examples
     --------
+    >>> from lissome.references.photomechanical import absorption_moment
     >>> round(absorption_moment(15.0, 0.56), 6)
     3.8864
     """
@@ -116,6 +117,7 @@ def dimensionless_illumination(
 
     Examples
     --------
+    >>> from lissome.references.photomechanical import dimensionless_illumination
     >>> round(dimensionless_illumination(-5.4e-5, 100, 15e-6, 0.56e-6, 15e-3), 6)
     1.119283
     """
@@ -145,6 +147,7 @@ class Snap:
     --------
     Oblique light takes the buckled-up strip over a fold; it jumps down.
 
+    >>> from lissome.references.photomechanical import strip_history
     >>> (snap,) = strip_history(10.0, 0.8, 0.95, until=1.1, modes=12).snaps
     >>> snap.kind, snap.direction
     ('fold', -1)
@@ -181,6 +184,7 @@ class StripHistory:
     --------
     Before the light has acted, the strip pushes with the thrust of Euler's elastica:
 
+    >>> from lissome.references.photomechanical import strip_history
     >>> from lissome.references.elastica import buckled_strip
     >>> history = strip_history(1.0, 0.0, 0.95, until=0.1, modes=12)
     >>> print(f"{history.multipliers[0, 0]:.5f} {buckled_strip(0.95).thrust:.5f}")
@@ -414,6 +418,7 @@ def strip_history(
 
     Examples
     --------
+    >>> from lissome.references.photomechanical import strip_history
     >>> history = strip_history(10.0, 0.8, 0.95, until=1.2, modes=16)
     >>> len(history.snaps)
     1
@@ -479,6 +484,7 @@ def strip_period(
     --------
     Weak light only bends the strip, until it rests:
 
+    >>> from lissome.references.photomechanical import strip_period
     >>> strip_period(1.0, 0.5, 0.95, modes=8) is None
     True
     """
@@ -553,6 +559,7 @@ def snap_time(
     --------
     Strong light leaves no time to relax: twice the light, half the time.
 
+    >>> from lissome.references.photomechanical import snap_time
     >>> slow, fast = (snap_time(peak, 0.4, 0.1, 0.95, modes=8) for peak in (1000.0, 2000.0))
     >>> print(f"{slow / fast:.2f}")
     2.00
@@ -597,6 +604,7 @@ class SteadyLimit:
     At the end of the steady states the lowest mechanical eigenvalue vanishes, while the slow motions
     about them still decay:
 
+    >>> from lissome.references.photomechanical import steady_limit
     >>> end = steady_limit(0.8, 0.95, modes=10)
     >>> end.kind, abs(end.eigenvalue) < 1e-9, bool(end.rates.real.max() < 0)
     ('snap', True, True)
@@ -659,6 +667,7 @@ def steady_limit(
 
     Examples
     --------
+    >>> from lissome.references.photomechanical import steady_limit
     >>> end = steady_limit(0.8, 0.95, modes=20)
     >>> end.kind
     'snap'

@@ -87,6 +87,7 @@ class Ribbon:
 
     Examples
     --------
+    >>> from lissome.references.ribbon_twist import Ribbon
     >>> ribbon = Ribbon(width=8.0, thickness=0.2, radius=108.0, poisson_ratio=0.3)
     >>> round(ribbon.relative_width, 4), round(ribbon.hard_bending), round(ribbon.extensibility, 4)
     (0.9712, 1600, 0.3649)
@@ -185,6 +186,8 @@ class Equilibrium:
     --------
     With hardly any twist it is the half circle: energy :math:`\pi/2`, middle one radius away.
 
+    >>> import numpy as np
+    >>> from lissome.references.ribbon_twist import Ribbon, equilibrium
     >>> state = equilibrium(Ribbon(8.0, poisson_ratio=0.4), 1e-6, elements=4, stages=3)
     >>> print(f"{state.energy / np.pi:.6f} {state.midpoint[2]:.6f} {state.strains(0.5)[1]:.6f}")
     0.500000 1.000000 1.000000
@@ -278,6 +281,7 @@ class Fold:
     --------
     Where the twist turns back, a ribbon whose clamps are turned further snaps:
 
+    >>> from lissome.references.ribbon_twist import Ribbon, trace
     >>> branch = trace(Ribbon(8.0, poisson_ratio=0.4), stop_at_fold=True)
     >>> (fold,) = branch.folds
     >>> print(f"{fold.twist:.4f}", bool(fold.twist > branch.twist.max()))
@@ -311,6 +315,7 @@ class Branch:
     --------
     The branch begins with the half circle, whose middle lies one radius from the line of the clamps:
 
+    >>> from lissome.references.ribbon_twist import Ribbon, trace
     >>> branch = trace(Ribbon(8.0, poisson_ratio=0.4), until=0.1, elements=8)
     >>> print(branch.twist[0], branch.deflection[0], branch.end, branch.folds)
     0.0 [0. 1.] range ()
@@ -365,6 +370,7 @@ def equilibrium(
 
     Examples
     --------
+    >>> from lissome.references.ribbon_twist import Ribbon, equilibrium
     >>> state = equilibrium(Ribbon(8.0, poisson_ratio=0.4), 0.5)
     >>> [round(float(x), 4) for x in state.midpoint[1:]]
     [0.1768, 0.9782]
@@ -440,6 +446,7 @@ def trace(
     --------
     A twist to both sides of the half circle: the middle moves out of the plane by it.
 
+    >>> from lissome.references.ribbon_twist import Ribbon, trace
     >>> branch = trace(Ribbon(8.0, poisson_ratio=0.4), until=0.1, elements=8)
     >>> bool(branch.twist[-1] > 0.1), bool(branch.deflection[-1, 0] > 0), branch.end
     (True, True, 'range')
@@ -504,6 +511,7 @@ def trace_jump(
 
     Examples
     --------
+    >>> from lissome.references.ribbon_twist import Ribbon, trace_jump
     >>> branch = trace_jump(Ribbon(10.0, poisson_ratio=0.4), elements=4, stages=4, count=3)
     >>> [round(float(twist), 3) for twist in branch.twist[:2]]  # from pi/2 on
     [1.571, 1.576]
@@ -556,6 +564,7 @@ def critical_twist(ribbon: Ribbon, *, elements: int = 24, stages: int = 5) -> Eq
 
     Examples
     --------
+    >>> from lissome.references.ribbon_twist import Ribbon, critical_twist
     >>> round(critical_twist(Ribbon(8.0, poisson_ratio=0.4), elements=8).twist, 2)
     2.01
     """
@@ -612,6 +621,7 @@ def threshold_width(
     --------
     A coarse bracket, on a coarse mesh:
 
+    >>> from lissome.references.ribbon_twist import Ribbon, threshold_width
     >>> ribbon = Ribbon(8.0, poisson_ratio=0.4)
     >>> low, high = threshold_width(ribbon, tolerance=0.2, elements=8, stages=3)
     >>> print(f"{low:.2f} {high:.2f}")
@@ -732,6 +742,7 @@ def stability(state: Equilibrium, *, degree: int = 4) -> tuple[float, float]:
 
     Examples
     --------
+    >>> from lissome.references.ribbon_twist import Ribbon, equilibrium, stability
     >>> state = equilibrium(Ribbon(8.0, poisson_ratio=0.4), 0.5)
     >>> min(stability(state)) > 0
     True

@@ -89,6 +89,7 @@ def rectangle_torsion_constant(aspect: float) -> float:
 
     Examples
     --------
+    >>> from lissome.references.ring import rectangle_torsion_constant
     >>> round(rectangle_torsion_constant(2.5), 6), round(rectangle_torsion_constant(1.0), 6)
     (0.249365, 0.140577)
     """
@@ -120,6 +121,7 @@ class RingSection:
 
     Examples
     --------
+    >>> from lissome.references.ring import RingSection
     >>> section = RingSection.rectangle(5.0, 2.0, 0.41)
     >>> round(section.in_plane / section.out_of_plane, 6)
     6.25
@@ -220,6 +222,7 @@ def mode_threshold(
 
     Examples
     --------
+    >>> from lissome.references.ring import RingSection, mode_threshold
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> round(mode_threshold(slinky, 1, 2), 6), round(mode_threshold(slinky, 1, 2, segments=100), 6)
     (1.16692, 1.167058)
@@ -272,6 +275,7 @@ def stable_range(section: RingSection, turns: int) -> tuple[float, float]:
 
     Examples
     --------
+    >>> from lissome.references.ring import RingSection, stable_range
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> tuple(round(value, 6) for value in stable_range(slinky, 3))
     (2.833233, 3.166881)
@@ -309,6 +313,7 @@ def turned_circle(section: RingSection, overcurvature: float) -> float:
 
     Examples
     --------
+    >>> from lissome.references.ring import RingSection, turned_circle
     >>> soft = RingSection(4.0, 1.0, 1.0)
     >>> round(turned_circle(soft, 0.375), 6)
     1.047198
@@ -350,6 +355,7 @@ def circle_spectrum(
 
     Examples
     --------
+    >>> from lissome.references.ring import RingSection, circle_spectrum
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> bool(circle_spectrum(slinky, 3, 2.9).min() > -1e-9)
     True
@@ -412,6 +418,8 @@ def second_variation_spectrum(
     Only rigid rotations of a stable circle are neutral; at the threshold of the mode with two waves
     that mode is, in its two phases, as well:
 
+    >>> import numpy as np
+    >>> from lissome.references.ring import RingSection, mode_threshold, second_variation_spectrum
     >>> section = RingSection(2.0, 1.0, 1.0)
     >>> a = 2 * np.pi * np.arange(32) / 32
     >>> tangent = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)

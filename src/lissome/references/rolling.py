@@ -72,6 +72,7 @@ def light_coefficient(order: int, angle: float = 0.0) -> complex:
 
     Examples
     --------
+    >>> from lissome.references.rolling import light_coefficient
     >>> light_coefficient(0).real
     2.0
     """
@@ -150,6 +151,7 @@ def selection(angle: float, speed: float) -> float:
 
     Examples
     --------
+    >>> from lissome.references.rolling import selection
     >>> float(round(selection(0.3, 0.04), 12))
     -0.045843185309
     """
@@ -186,6 +188,7 @@ def contact_sum(angle: float, speed: float) -> float:
 
     Examples
     --------
+    >>> from lissome.references.rolling import contact_sum
     >>> contact_sum(0.0, 0.0) < 0  # stable for negative response only
     True
     """
@@ -203,6 +206,8 @@ def breakdown_angle() -> float:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.references.rolling import breakdown_angle
     >>> float(round(np.degrees(breakdown_angle()), 6))
     46.108689
     """
@@ -224,6 +229,7 @@ class LinearRolling:
     --------
     Beyond 46 degrees the ring rolls toward the light, and only with the other response:
 
+    >>> from lissome.references.rolling import linear_speed
     >>> low, high = linear_speed(0.7), linear_speed(0.9)
     >>> low.speed > 0, low.stable_response, high.speed < 0, high.stable_response
     (True, -1, True, 1)
@@ -258,6 +264,7 @@ def linear_speed(angle: float) -> LinearRolling:
 
     Examples
     --------
+    >>> from lissome.references.rolling import linear_speed
     >>> linear_speed(0.2).speed  # doctest: +ELLIPSIS
     0.0332568303...
     """
@@ -320,6 +327,7 @@ def linear_natural_curvature(
 
     Examples
     --------
+    >>> from lissome.references.rolling import linear_natural_curvature
     >>> linear_natural_curvature([0.0], 0.0, 0.0)
     array([1.])
     """
@@ -369,6 +377,8 @@ class RollingWave:
     --------
     The ring closes after one full turn of its tangent:
 
+    >>> import numpy as np
+    >>> from lissome.references.rolling import rolling_wave
     >>> wave = rolling_wave(-0.5, 0.2, nodes=16)
     >>> gap = np.hypot(wave.x[-1] - wave.x[0], wave.y[-1] - wave.y[0])
     >>> print(f"{(wave.angle[-1] - wave.angle[0]) / (2 * np.pi):.9f} {gap:.9f}")
@@ -448,6 +458,7 @@ def rolling_wave(
 
     Examples
     --------
+    >>> from lissome.references.rolling import linear_speed, rolling_wave
     >>> wave = rolling_wave(-0.01, 0.2)
     >>> abs(wave.speed / linear_speed(0.2).speed - 1) < 1e-3, wave.contact_stiffness > 0
     (True, True)

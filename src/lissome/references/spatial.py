@@ -55,6 +55,7 @@ def lateral_buckling_load(bending: float, torsion: float) -> float:
 
     Examples
     --------
+    >>> from lissome.references.spatial import lateral_buckling_load
     >>> round(lateral_buckling_load(1.0, 1.0), 6)
     4.012599
     """
@@ -85,6 +86,8 @@ class SpatialCantilever:
     --------
     The clamp bears the moment of the force about it, also when the rod leaves its plane:
 
+    >>> import numpy as np
+    >>> from lissome.references.spatial import spatial_cantilever
     >>> rod = spatial_cantilever([1.0, 0.5, -0.5], stiffness=(1.0, 2.0, 1.5))
     >>> print(np.allclose(rod.clamp_moment, np.cross(rod.tip, rod.force), atol=1e-9))
     True
@@ -142,6 +145,7 @@ def spatial_cantilever(
 
     Examples
     --------
+    >>> from lissome.references.spatial import spatial_cantilever
     >>> rod = spatial_cantilever([5.0, 0.0, 0.0])
     >>> rod.tip[[0, 2]].round(6)
     array([0.713792, 0.612372])

@@ -63,6 +63,8 @@ def ring_twist(bending: float, torsion: float, *, mode: int = 2, turns: int = 1)
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.references.twist import ring_twist
     >>> round(ring_twist(1.0, 1.0) / (2.0 * np.pi), 6)
     1.732051
     """
@@ -109,6 +111,8 @@ def rod_thrust(torque: float, ends: str = "hinged") -> float:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.references.twist import rod_thrust
     >>> round(rod_thrust(0.0, "clamped") / np.pi**2, 9)
     4.0
     """
@@ -146,6 +150,7 @@ def rod_torque(thrust: float, ends: str = "hinged") -> float:
 
     Examples
     --------
+    >>> from lissome.references.twist import rod_torque
     >>> round(rod_torque(0.0), 6), round(rod_torque(0.0, "clamped"), 6)
     (6.283185, 8.986819)
     """

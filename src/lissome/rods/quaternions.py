@@ -218,6 +218,7 @@ def multiply(p: ArrayLike, q: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.rods.quaternions import multiply
     >>> print(multiply([0, 1, 0, 0], [0, 0, 1, 0]))  # i j = k
     [0. 0. 0. 1.]
     """
@@ -248,6 +249,7 @@ def conjugate(q: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.rods.quaternions import conjugate
     >>> print(conjugate([1.0, 2.0, 3.0, 4.0]))
     [ 1. -2. -3. -4.]
     """
@@ -275,6 +277,8 @@ def rotate(q: ArrayLike, w: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.rods.quaternions import rotate, rotation_about
     >>> print(rotate(rotation_about([0, 0, 1], np.pi / 2), [1, 0, 0]).round(12) + 0.0)
     [0. 1. 0.]
     """
@@ -313,6 +317,8 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.rods.quaternions import rotation_about
     >>> print(rotation_about([0, 1, 0], np.pi).round(12))
     [0. 0. 1. 0.]
     """
@@ -346,6 +352,7 @@ def exponential(rotation_vector: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.rods.quaternions import exponential
     >>> print(exponential([0.0, 0.0, 0.0]))
     [1. 0. 0. 0.]
     """
@@ -377,6 +384,7 @@ def logarithm(q: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.rods.quaternions import exponential, logarithm
     >>> print(logarithm(exponential([0.1, -0.2, 0.3])))
     [ 0.1 -0.2  0.3]
     """
@@ -416,6 +424,7 @@ def parallel_transport(a: ArrayLike, b: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.rods.quaternions import parallel_transport, rotate
     >>> print(rotate(parallel_transport([0, 0, 1], [0.6, 0, 0.8]), [0, 0, 1]).round(12))
     [0.6 0.  0.8]
     >>> parallel_transport([0, 0, 1], [0, 0, -1])
@@ -459,6 +468,7 @@ def to_matrix(q: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.rods.quaternions import to_matrix
     >>> print(to_matrix([0.0, 0.0, 0.0, 1.0]))
     [[-1.  0.  0.]
      [ 0. -1.  0.]
@@ -491,6 +501,8 @@ def to_directors(q: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.rods.quaternions import rotation_about, to_directors
     >>> print(to_directors(rotation_about([0, 0, 1], np.pi / 2)).round(12)[0] + 0.0)
     [0. 1. 0.]
     """
@@ -524,6 +536,8 @@ def from_matrix(matrix: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from lissome.rods.quaternions import from_matrix
     >>> print(from_matrix(np.eye(3)))
     [1. 0. 0. 0.]
     """
@@ -550,6 +564,7 @@ def from_directors(directors: ArrayLike) -> Array:
 
     Examples
     --------
+    >>> from lissome.rods.quaternions import from_directors
     >>> from_directors([[1, 0, 0], [0, 1, 0], [0, 0, -1]])
     Traceback (most recent call last):
         ...
