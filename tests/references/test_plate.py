@@ -213,6 +213,12 @@ def test_bad_discs_are_refused(name, value):
         AxisymmetricDisc(**{"bending": 1e-3, "poisson": 0.3, name: value})
 
 
+def test_flat_discs_are_no_starts_for_folds():
+    disc = AxisymmetricDisc(bending=1e-4, poisson=0.5)
+    with pytest.raises(InvalidInput, match="flat and unstrained"):
+        fold(disc.solve(), (1.0, 1.0))
+
+
 def test_no_fold_is_an_error():
     with pytest.raises(NotConverged, match="no fold"):
         fold(DOME.solve(height=0.1), (1.0, -2.0), step=0.2, most=0.5)

@@ -491,7 +491,7 @@ def fold(
     Raises
     ------
     InvalidInput
-        If an argument is out of its range.
+        If the state is flat and unstrained, or the direction is not finite.
     NotConverged
         If there is no fold up to `most`.
 
@@ -508,6 +508,11 @@ def fold(
     """
     base, origin = state.disc, np.asarray(state.disc.curvature)
     direction = finite_array("curvature", curvature, shape=(2,))
+    if not np.any(state.unknowns):
+        raise InvalidInput(
+            "argument `state` is flat and unstrained, without a size that steps could be compared "
+            "with; solve for a dome first (`disc.solve(height=...)`)"
+        )
 
     def at(p: float) -> AxisymmetricDisc:
         return replace(base, curvature=origin + p * direction)
