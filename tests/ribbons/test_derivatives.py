@@ -51,7 +51,7 @@ def _differences(f, h):
 
 
 @pytest.mark.parametrize("law", [WUNDERLICH, SADOWSKY], ids=["wunderlich", "sadowsky"])
-@pytest.mark.parametrize("scheme", ["staggered", "nodal"])
+@pytest.mark.parametrize("scheme", ["staggered", "cells", "nodal"])
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_derivatives_of_random_states(name, scheme, law):
     ribbon = STRUCTURES[name](law, scheme)

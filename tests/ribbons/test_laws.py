@@ -91,21 +91,22 @@ def test_derivatives_of_the_density(law):
         width=0.3, rigidity=1.1, poisson_ratio=0.2, natural_curvature=0.4, natural_twist=0.3,
         natural_cross_curvature=-0.2,
     ).parameters  # fmt: skip
-    x = np.array([1.1, -0.4, 0.7 if law.has_fold else 0.0])
+    x = np.array([1.1, -0.4, 1.3])
 
     def row(y):
-        out = np.empty(10)
+        out = np.empty(9)
         density(parameters, *y, out)
         return out
 
     here, h = row(x), 1e-4
-    second = {(0, 0): 4, (0, 1): 5, (0, 2): 6, (1, 1): 7, (1, 2): 8, (2, 2): 9}
+    second = {(0, 0): 4, (0, 1): 5, (0, 2): 6, (1, 1): 7, (1, 2): 8}
     for i in range(3):
         e = np.eye(3)[i] * h
         d = (row(x - 2 * e) - 8 * row(x - e) + 8 * row(x + e) - row(x + 2 * e)) / (12 * h)
         assert here[1 + i] == pytest.approx(d[0], abs=1e-10)
         for j in range(3):
-            assert here[second[min(i, j), max(i, j)]] == pytest.approx(d[1 + j], abs=1e-10)
+            value = here[second[min(i, j), max(i, j)]] if i + j < 4 else 0.0
+            assert value == pytest.approx(d[1 + j], abs=1e-10)
 
 
 def test_the_rigidity_is_that_of_a_plate():

@@ -22,7 +22,7 @@ not turn.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -198,6 +198,12 @@ class Equilibrium:
     clamps: Clamps
     solution: Point
 
+    def _at(self, control: Control, value: float, point: Point) -> Self:
+        return replace(self, clamps=replace(self.clamps, **{control: value}), solution=point)
+
+    def _family(self, control: Control, mesh: Array, stages: int) -> Family:
+        return _family(self.ribbon, self.clamps, control, mesh, stages)
+
     @property
     def force(self) -> Array:
         """Force of the part beyond a section on the part before it, in space, shape (3,), in A1/L^2."""
@@ -229,6 +235,9 @@ class Equilibrium:
         values = self.solution.at(position)
         hard = values[..., 7] / self.ribbon.hard_bending
         return np.stack([values[..., 8], hard, values[..., 9]], axis=-1)
+
+
+State = TypeVar("State", bound=Equilibrium)
 
 
 def arch(ribbon: Ribbon, shortening: float, *, elements: int = 24, stages: int = 4) -> Equilibrium:
@@ -288,13 +297,14 @@ def arch(ribbon: Ribbon, shortening: float, *, elements: int = 24, stages: int =
     return Equilibrium(ribbon, Clamps(c), family.fixed(guess, 0.0))
 
 
-def moved(state: Equilibrium, control: Control, value: float, *, step: float = 0.05) -> Equilibrium:
+def moved(state: State, control: Control, value: float, *, step: float = 0.05) -> State:
     """Move one clamp in steps, at equilibrium all the way.
 
     Parameters
     ----------
     state : Equilibrium
-        Where to begin.
+        Where to begin: of :func:`arch`, or of
+        :func:`lissome.references.clamped_strip.sheared_arch`.
     control : {'shortening', 'shear', 'twist'}
         What moves.
     value : float
@@ -321,7 +331,7 @@ def moved(state: Equilibrium, control: Control, value: float, *, step: float = 0
     one_of("control", control, _CONTROLS)
     family = _like(state, control)
     here = getattr(state.clamps, control)
-    point = replace(state.solution, parameters=np.array([*state.force, here]))
+    point = _controlled(state, control)
     length = longest
     while here != target:
         ahead = here + float(np.clip(target - here, -length, length))
@@ -329,7 +339,7 @@ def moved(state: Equilibrium, control: Control, value: float, *, step: float = 0
             tangent = family.tangent(point)
             guess = _along(family, point, tangent / tangent[-1] * (ahead - here))
             found = family.fixed(guess, ahead)
-            if Equilibrium(state.ribbon, state.clamps, found).margin <= 0.0:
+            if state._at(control, ahead, found).margin <= 0.0:
                 raise NotConverged("the law is not elliptic")
         except (NotConverged, np.linalg.LinAlgError) as error:
             length *= 0.5
@@ -337,18 +347,16 @@ def moved(state: Equilibrium, control: Control, value: float, *, step: float = 0
                 raise NotConverged(
                     f"no equilibrium leads from the {control} {here:.6g} on to {target:g}: the branch "
                     "turns there, or the law loses its ellipticity",
-                    state=Equilibrium(
-                        state.ribbon, replace(state.clamps, **{control: here}), point
-                    ),
+                    state=state._at(control, here, point),
                 ) from error
             continue
         point, here, length = found, ahead, min(1.5 * length, longest)
-    return Equilibrium(state.ribbon, replace(state.clamps, **{control: here}), point)
+    return state._at(control, here, point)
 
 
 def pitchfork(
-    state: Equilibrium, control: Control, until: float, *, step: float = 0.02
-) -> tuple[Equilibrium, Array]:
+    state: State, control: Control, until: float, *, step: float = 0.02
+) -> tuple[State, Array]:
     """Follow a branch to the first place where its linearized equations are singular.
 
     Parameters
@@ -397,9 +405,7 @@ def pitchfork(
     raise NotConverged(f"no singular state between the {control} {here:g} and {target:g}")
 
 
-def _interpolated(
-    before: Equilibrium, after: Equilibrium, control: Control
-) -> tuple[Equilibrium, Array]:
+def _interpolated(before: State, after: State, control: Control) -> tuple[State, Array]:
     """Root of the test function's polynomial: at the root itself Newton's matrix is singular."""
     low, high = (getattr(state.clamps, control) for state in (before, after))
     border = _border(before, control)
@@ -408,7 +414,7 @@ def _interpolated(
     side = np.sign(high - low)
     for spread in (0.1 * (high - low) * side, 3e-3, 2e-3):
         places = guess + side * spread * np.array([-2.5, -1.5, -0.5, 0.5, 1.5, 2.5])
-        states = list[Equilibrium]()
+        states = list[State]()
         for place in places:
             states.append(moved(states[-1] if states else before, control, float(place)))
         border = _border(states[2], control)
@@ -432,11 +438,10 @@ def _interpolated(
         between([point.slopes for point in points]),
         between([point.parameters for point in points]),
     )
-    clamps = replace(before.clamps, **{control: float(guess)})
-    return Equilibrium(before.ribbon, clamps, middle), between([mode for _, mode in tests])
+    return before._at(control, float(guess), middle), between([mode for _, mode in tests])
 
 
-def beyond(critical: Equilibrium, mode: Array, control: Control, amplitude: float) -> Equilibrium:
+def beyond(critical: State, mode: Array, control: Control, amplitude: float) -> State:
     """Return a state of the branch that crosses at a pitchfork.
 
     Parameters
@@ -466,15 +471,12 @@ def beyond(critical: Equilibrium, mode: Array, control: Control, amplitude: floa
     >>> print(f"{left.clamps.shear - right.clamps.shear:.6f} {left.energy - right.energy:.6f}")
     0.000000 0.000000
     """
-    family = _like(critical, control)
-    parameters = np.array([*critical.force, getattr(critical.clamps, control)])
-    point = replace(critical.solution, parameters=parameters)
-    direction = np.concatenate([mode.ravel(), np.zeros(4)])
+    family, point = _like(critical, control), _controlled(critical, control)
+    direction = np.concatenate([mode.ravel(), np.zeros(len(point.parameters))])
     weight = family._weight(point)
     direction /= np.sqrt(np.sum(weight * direction**2))
     found = family.step(point, direction, finite("amplitude", amplitude))
-    where = float(found.parameters[-1])
-    return Equilibrium(critical.ribbon, replace(critical.clamps, **{control: where}), found)
+    return critical._at(control, float(found.parameters[-1]), found)
 
 
 def helicoid_load(
@@ -570,14 +572,18 @@ def _along(family: Family, point: Point, change: Array) -> Point:
 
 def _like(state: Equilibrium, control: Control) -> Family:
     mesh, stages = state.solution.mesh, state.solution.slopes.shape[1]
-    return _family(state.ribbon, state.clamps, control, mesh, stages)
+    return state._family(control, mesh, stages)
+
+
+def _controlled(state: Equilibrium, control: Control) -> Point:
+    """Return the solution with the control as its last parameter."""
+    parameters = np.array([*state.solution.parameters[:-1], getattr(state.clamps, control)])
+    return replace(state.solution, parameters=parameters)
 
 
 def _square(state: Equilibrium, control: Control) -> Array:
     """Matrix of the linearized equations between clamps that do not move."""
-    family = _like(state, control)
-    parameters = np.array([*state.force, getattr(state.clamps, control)])
-    matrix, _, _ = family._linearize(replace(state.solution, parameters=parameters))
+    matrix, _, _ = _like(state, control)._linearize(_controlled(state, control))
     return np.asarray(matrix[:, :-1])
 
 

@@ -70,11 +70,13 @@ class RibbonEquilibrium(RodEquilibrium):
         spans = np.array(ribbon.layout.plan.span)
         values, rows, stress = np.empty(n), np.empty((n, 3)), np.empty((n, 3))
         folds = np.array(self.state.folds) if ribbon.law.has_fold else np.zeros(n)
+        skeleton = ribbon.layout.skeleton
         _kernel.evaluate_hinges(
             np.array(self.strains * spans[:, None]), spans, np.array(self.ruling),
-            np.array(self.ruling_slope), folds, ribbon.layout.parameters, ribbon.layout.ribbon_width,
+            np.array(self.ruling_slope), folds, skeleton.before, skeleton.share,
+            ribbon.layout.parameters, ribbon.layout.ribbon_width,
             ribbon.hinge_multipliers(self.multipliers), values, rows, stress, np.zeros((0, 3, 3)),
-            np.empty((n, 2)), np.empty((0, 6)), 1,
+            np.empty((n, 4)), np.empty((0, 10)), 1,
         )  # fmt: skip
         return values, stress
 

@@ -1,14 +1,15 @@
 r"""Compiled passes of the discrete ribbon: what its energy and constraints add to a rod's.
 
 Each hinge has the strain :math:`\kappa` of the rod (integrated over its span l), a ruling parameter
-:math:`\bar\eta` and its slope :math:`\eta'`, both combinations of up to three unknowns, and a fold variable
-a. Its part of the Lagrangian is
+:math:`\bar\eta` and a slope :math:`\eta'`, both combinations of up to three unknowns, and a fold variable
+a, which belongs to that slope. Its part of the Lagrangian is
 
 .. math::
 
-    l\,W(\kappa_1/l, \bar\eta, a) + \lambda_2\kappa_2 + \lambda_3(\kappa_3 - \bar\eta\kappa_1)
-    + \mu\,(\tfrac12 w\eta' - \tanh a).
+    l\,W(\kappa_1/l, \bar\eta, g) + \lambda_2\kappa_2 + \lambda_3(\kappa_3 - \bar\eta\kappa_1)
+    + \mu\,(\tfrac12 w\eta' - \tanh a),\qquad g = \sigma\,a\coth a + \bar\sigma\,\bar a\coth\bar a,
 
+with the shares :math:`\sigma, \bar\sigma` of its own fold variable and of that of the hinge before.
 Its derivatives by :math:`\kappa` are the stress and the stiffness from which the rod's kernel makes
 forces on the frames; the mixed ones become columns here.
 """
@@ -22,7 +23,7 @@ import numpy as np
 
 from .._compile import jit as _jit
 from ..rods._kernel import _add, _turn_vector
-from .laws import density
+from .laws import cotangent_factor, density
 
 jit = _jit(error_model="numpy", no_cfunc_wrapper=True)
 
@@ -41,6 +42,10 @@ class Rulings(NamedTuple):
     local : ndarray (n, 4) of int64
         Positions of the fold variable and of the three multipliers (of kappa_2, of kappa_3, of the
         fold) of each hinge; -1 where the law has no fold.
+    before : ndarray (n,) of int64
+        The other fold variable that the energy of hinge i depends on; -1 if there is none.
+    share : ndarray (n, 2)
+        Parts of hinge i that have its own fold variable, and the other one.
     """
 
     where: np.ndarray
@@ -48,6 +53,8 @@ class Rulings(NamedTuple):
     slope: np.ndarray
     column: np.ndarray
     local: np.ndarray
+    before: np.ndarray
+    share: np.ndarray
 
 
 @jit
@@ -67,20 +74,30 @@ def hinge_rulings(rulings, plan, eta, slope):
 
 @jit
 def evaluate_hinges(
-    kappa, span, eta, slope, folds, parameters, width, multipliers, values, rows, stress, stiffness, first,
-    second, order,
+    kappa, span, eta, slope, folds, before, share, parameters, width, multipliers, values, rows, stress,
+    stiffness, first, second, order,
 ):  # fmt: skip
     """Write energy, constraints (n, 3) and, by order, derivatives of the hinges.
 
-    `first` (n, 2): derivatives by the ruling and by the fold. `second` (n, 6): mixed ones (strain and
-    ruling; strain and fold), then by ruling twice, ruling and fold, fold twice, and the derivative of
-    the hyperbolic tangent.
+    `first` (n, 4): derivatives of the energy by the ruling, the fold and the other fold, and of the
+    constraint of the fold by the fold. `second` (n, 10): mixed ones (strain and ruling; strain and
+    either fold), by ruling twice, ruling and either fold, either fold twice, and, of the constraint, the
+    derivative of the hyperbolic tangent and the second derivative.
     """
-    w = np.empty(10)
+    w = np.empty(9)
     with_fold = parameters[1] > 0.0
     for i in range(span.size):
         l = span[i]
-        density(parameters, kappa[i, 0] / l, eta[i], folds[i], w)
+        g = 1.0
+        g0, dg0, ddg0 = 0.0, 0.0, 0.0
+        g1, dg1, ddg1 = 0.0, 0.0, 0.0
+        if with_fold:
+            g0, dg0, ddg0 = cotangent_factor(folds[i])
+            g = share[i, 0] * g0
+            if before[i] >= 0:
+                g1, dg1, ddg1 = cotangent_factor(folds[before[i]])
+                g += share[i, 1] * g1
+        density(parameters, kappa[i, 0] / l, eta[i], g, w)
         values[i] = w[0]
         t = math.tanh(folds[i])
         d = 1.0 - t * t
@@ -92,15 +109,21 @@ def evaluate_hinges(
             stress[i, 1] = multipliers[i, 0]
             stress[i, 2] = multipliers[i, 1]
             first[i, 0] = l * w[2] - multipliers[i, 1] * kappa[i, 0]
-            first[i, 1] = l * w[3] - multipliers[i, 2] * d
+            first[i, 1] = l * w[3] * share[i, 0] * dg0
+            first[i, 2] = l * w[3] * share[i, 1] * dg1
+            first[i, 3] = -multipliers[i, 2] * d
         if order >= 2:
             stiffness[i, 0, 0] = w[4]
             second[i, 0] = w[5] - multipliers[i, 1]
-            second[i, 1] = w[6]
-            second[i, 2] = l * w[7]
-            second[i, 3] = l * w[8]
-            second[i, 4] = l * w[9] + 2.0 * multipliers[i, 2] * t * d
-            second[i, 5] = d
+            second[i, 1] = w[6] * share[i, 0] * dg0
+            second[i, 2] = w[6] * share[i, 1] * dg1
+            second[i, 3] = l * w[7]
+            second[i, 4] = l * w[8] * share[i, 0] * dg0
+            second[i, 5] = l * w[8] * share[i, 1] * dg1
+            second[i, 6] = l * w[3] * share[i, 0] * ddg0
+            second[i, 7] = l * w[3] * share[i, 1] * ddg1
+            second[i, 8] = d
+            second[i, 9] = 2.0 * multipliers[i, 2] * t * d
 
 
 @jit
@@ -122,22 +145,27 @@ def add_rulings(
 ):
     """Add what the rulings, folds and multipliers of the hinges add to gradient and matrix."""
     half = 0.5 * width
-    column = np.empty(7, dtype=np.int64)
+    # three rulings, the fold and the other fold, three multipliers
+    column = np.empty(8, dtype=np.int64)
     coupling = np.zeros((7, 3))
-    block = np.zeros((7, 7))
+    block = np.zeros((8, 8))
     g = np.zeros(3)
     for i in range(plan.left.size):
         for k in range(3):
             f = rulings.where[i, k]
             column[k] = rulings.column[f] if f >= 0 else -1
-        for k in range(4):
-            column[3 + k] = rulings.local[i, k]
+        column[3] = rulings.local[i, 0]
+        column[4] = rulings.local[rulings.before[i], 0] if rulings.before[i] >= 0 else -1
+        for k in range(1, 4):
+            column[4 + k] = rulings.local[i, k]
         for k in range(3):
             if column[k] >= 0:
                 gradient[column[k]] += rulings.mean[i, k] * first[i, 0]
                 gradient[column[k]] += rulings.slope[i, k] * half * multipliers[i, 2]
         if column[3] >= 0:
-            gradient[column[3]] += first[i, 1]
+            gradient[column[3]] += first[i, 1] + first[i, 3]
+        if column[4] >= 0:
+            gradient[column[4]] += first[i, 2]
         if order < 2:
             continue
         # among rulings, fold and multipliers
@@ -145,13 +173,15 @@ def add_rulings(
         for k in range(3):
             m = rulings.mean[i, k]
             for j in range(k + 1):
-                block[k, j] = m * rulings.mean[i, j] * second[i, 2]
-            block[3, k] = m * second[i, 3]
-            block[5, k] = -m * kappa[i, 0]
-            block[6, k] = rulings.slope[i, k] * half
-        block[3, 3] = second[i, 4]
-        block[6, 3] = -second[i, 5]
-        for r in range(7):
+                block[k, j] = m * rulings.mean[i, j] * second[i, 3]
+            block[3, k] = m * second[i, 4]
+            block[4, k] = m * second[i, 5]
+            block[6, k] = -m * kappa[i, 0]
+            block[7, k] = rulings.slope[i, k] * half
+        block[3, 3] = second[i, 6] + second[i, 9]
+        block[4, 4] = second[i, 7]
+        block[7, 3] = -second[i, 8]
+        for r in range(8):
             for k in range(r + 1):
                 if block[r, k] != 0.0 and column[r] >= 0 and column[k] >= 0:
                     _add(band, border, corner, column[r], column[k], block[r, k])
@@ -160,14 +190,15 @@ def add_rulings(
         for k in range(3):
             coupling[k, 0] = rulings.mean[i, k] * second[i, 0]
         coupling[3, 0] = second[i, 1]
-        coupling[4, 1] = 1.0
-        coupling[5, 0] = -eta[i]
-        coupling[5, 2] = 1.0
+        coupling[4, 0] = second[i, 2]
+        coupling[5, 1] = 1.0
+        coupling[6, 0] = -eta[i]
+        coupling[6, 2] = 1.0
         s, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
-        for r in range(6):
-            if column[r] < 0:
-                continue
+        for r in range(7):
             c0, c1, c2 = coupling[r, 0], coupling[r, 1], coupling[r, 2]
+            if column[r] < 0 or (c0 == 0.0 and c1 == 0.0 and c2 == 0.0):
+                continue
             w0 = c1 * z - c2 * y
             w1 = c2 * x - c0 * z
             w2 = c0 * y - c1 * x

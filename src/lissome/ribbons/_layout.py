@@ -38,6 +38,8 @@ class Skeleton:
     values: Array  # their values
     column: Integers  # of the rulings
     local: Integers
+    before: Integers
+    share: Array
     frame_column: Integers
     chain: ChainLayout
     length: int
@@ -85,6 +87,8 @@ class _Stencils:
     fixed: dict[int, float]  # prescribed rulings
     far: frozenset[int]  # unknown rulings whose hinges are at both ends of the chain
     metric: Array  # lengths that the rulings stand for
+    before: Integers  # hinges whose fold variable a hinge needs too; -1 if none
+    share: Array  # parts of the hinge with its own fold variable, and with that one
 
 
 def _staggered(ribbon: Ribbon) -> _Stencils:
@@ -114,7 +118,12 @@ def _staggered(ribbon: Ribbon) -> _Stencils:
     metric = np.zeros(count)
     for k in range(2):
         np.add.at(metric, where[:, k], 0.5 * plan.span)
-    return _Stencils(where, mean, slope, count, fixed, frozenset(far), metric)
+    return _Stencils(where, mean, slope, count, fixed, frozenset(far), metric, *_alone(n))
+
+
+def _alone(n: int) -> tuple[Integers, Array]:
+    """Return that each hinge has one fold variable, its own."""
+    return np.full(n, -1, dtype=np.int64), np.tile([1.0, 0.0], (n, 1))
 
 
 def _frame_of(ribbon: Ribbon, node: int) -> int:
@@ -133,11 +142,16 @@ def _frame_of(ribbon: Ribbon, node: int) -> int:
 
 
 def _nodal(ribbon: Ribbon) -> _Stencils:
-    """Rulings at the hinges, with central differences; without slopes if the law does not need them."""
+    """Rulings at the hinges, without slopes if the law does not need them.
+
+    With the scheme "cells" slope and fold variable of hinge i are those between it and the next one;
+    otherwise the slopes are central differences.
+    """
     rod = ribbon.rod
     layout = rod.layout
     plan = layout.plan
     n, fold = plan.left.size, ribbon.law.has_fold
+    cells = fold and ribbon.scheme == "cells"
     index = np.arange(n)
     if fold:
         for i in range(1, n):  # the two halves of a clamped node share a ruling
@@ -148,6 +162,8 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
     if rod.closed:
         s[-1] = rod.length
     last = int(index[-1])
+    before_of, share = _alone(n)
+    ahead = np.zeros(n)  # lengths of the cells behind the hinges; 0 where there is none
     terms: list[list[tuple[int, float, float]]] = []
     far: set[int] = set()
     aliased = matched and ribbon.pins_phase
@@ -167,7 +183,17 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
         h = int(index[i])
         own, sign = ruling(h)
         entry: dict[int, list[float]] = {own: [sign, 0.0]}
-        if fold:
+        if cells:
+            last_one = i == n - 1
+            if last_one and matched:
+                ahead[i] = s[0]
+            elif not last_one and index[i + 1] != h:
+                ahead[i] = s[i + 1] - s[i]
+            if ahead[i] > 0.0:
+                k, sign_k = ruling(last + 1 if last_one else int(index[i + 1]))
+                entry[own][1] -= sign / ahead[i]
+                entry.setdefault(k, [0.0, 0.0])[1] += sign_k / ahead[i]
+        elif fold:
             before, after = i - 1, i + 1
             if before >= 0 and index[before] == h:
                 before = -1  # second half of a clamped node: look ahead only
@@ -204,6 +230,10 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
                 entry.setdefault(k, [0.0, 0.0])[1] += sign_k / gap
                 entry[own][1] -= sign / gap
         terms.append([(k, m, d) for k, (m, d) in entry.items()])
+    if cells:
+        behind = np.roll(ahead, 1)
+        before_of = np.where(behind > 0.0, np.roll(np.arange(n), 1), -1)
+        share = np.stack([ahead, behind], axis=1) / (ahead + behind)[:, None]
     where = np.full((n, 3), -1, dtype=np.int64)
     mean, slope = np.zeros((n, 3)), np.zeros((n, 3))
     for i, row in enumerate(terms):
@@ -220,7 +250,7 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
             far.update({0, last})
     metric = np.zeros(n)
     np.add.at(metric, where[:, 0], plan.span)
-    return _Stencils(where, mean, slope, n, fixed, frozenset(far), metric)
+    return _Stencils(where, mean, slope, n, fixed, frozenset(far), metric, before_of, share)
 
 
 def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
@@ -229,6 +259,7 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
     plan = layout.plan
     fold = ribbon.law.has_fold
     staggered = ribbon.scheme == "staggered" and fold
+    cells = ribbon.scheme == "cells" and fold
     stencils = _staggered(ribbon) if staggered else _nodal(ribbon)
     n = plan.left.size
     used = np.zeros(stencils.count, dtype=bool)
@@ -242,7 +273,6 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
     waiting[list(stencils.far)] = False
     frame_waiting = (plan.column >= 0) & (plan.column < plan.length)
     place = 0
-    size = 4 if fold else 3
 
     for i in range(n):
         sides = (int(plan.left[i]), int(plan.right[i]))
@@ -259,18 +289,29 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
                     waiting[r] = False
                     place += 1
             if turn == 0:
+                if cells and i:  # the cell behind is between the frames that it couples
+                    local[i - 1, [0, 3]] = place, place + 1
+                    place += 2
                 if not staggered:
                     r = int(stencils.where[i, 0])
                     if waiting[r]:
                         column[r] = place
                         waiting[r] = False
                         place += 1
-                local[i, : 3 if not fold else 4] = place + np.arange(size)
-                if not fold:
-                    local[i] = (-1, place, place + 1, -1)
+                if cells or not fold:
+                    local[i, 1:3] = place, place + 1
                     place += 2
                 else:
+                    local[i] = place + np.arange(4)
                     place += 4
+    if cells:
+        # the cell of a joint is at both ends of the chain
+        split = bool(np.any(stencils.before == n - 1))
+        local[n - 1, 3] = place
+        place += 1
+        if not split:
+            local[n - 1, 0] = place
+            place += 1
     length = place
     # border: what the rod has there, far rulings, then the rod's constraints
     rod_unknowns = layout.chain.unknowns
@@ -283,6 +324,9 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
         if open_rulings[r]:
             column[r] = place
             place += 1
+    if cells and split:
+        local[n - 1, 0] = place
+        place += 1
     border_unknowns = place - length
     m = plan.rows.shape[0]
 
@@ -300,12 +344,19 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
 
     left, right = frame_column[plan.left][:, None], frame_column[plan.right][:, None]
     rulings = np.where(stencils.where >= 0, column[stencils.where], -1)
+    used_here = np.where(stencils.mean != 0.0, rulings, -1)
+    other = np.where(stencils.before >= 0, local[stencils.before, 0], -1)[:, None]
     ends = (left + 2 * (left >= 0), right + 2 * (right >= 0))
-    every = np.concatenate([rulings, left, right, *ends, local], axis=1)
-    inside = (every >= 0) & (every < length)
-    high = np.where(inside, every, -1).max(axis=1)
-    low = np.where(inside, every, length).min(axis=1)
-    width = int(max(np.max(high - low), 2))
+    width = 2
+    for together in (
+        [used_here, left, right, *ends, local[:, :3], other],
+        [rulings, local[:, ::3]],
+    ):
+        every = np.concatenate(together, axis=1)
+        inside = (every >= 0) & (every < length)
+        high = np.where(inside, every, -1).max(axis=1)
+        low = np.where(inside, every, length).min(axis=1)
+        width = max(width, int(np.max(high - low)))
     metric = np.concatenate(
         [layout.metric, stencils.metric[free], plan.span if fold else np.zeros(0)]
     )
@@ -323,6 +374,8 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
         values=np.array([stencils.fixed[int(f)] for f in fixed]),
         column=column,
         local=local,
+        before=stencils.before,
+        share=stencils.share,
         frame_column=frame_column,
         chain=ChainLayout(length, unknowns, constraints, border_unknowns + m),
         length=length,
@@ -347,8 +400,9 @@ def derive(ribbon: Ribbon) -> Layout:
         column=skeleton.frame_column, length=skeleton.length, first_angle=skeleton.first_angle
     )
     rulings = Rulings(
-        skeleton.where, skeleton.mean, skeleton.slope, skeleton.column, skeleton.local
-    )
+        skeleton.where, skeleton.mean, skeleton.slope, skeleton.column, skeleton.local,
+        skeleton.before, skeleton.share,
+    )  # fmt: skip
     return Layout(
         skeleton, rod_layout, plan, rulings, ribbon.law.parameters, float(ribbon.law.width)
     )

@@ -31,7 +31,7 @@ __all__ = ["Ribbon", "RibbonState"]
 
 Array = NDArray[np.float64]
 
-SCHEMES = ("staggered", "nodal")
+SCHEMES = ("staggered", "cells", "nodal")
 JOINTS = ("matched", "free")
 
 
@@ -64,7 +64,7 @@ class RibbonState(RodState):
     quaternions, origin, stretches, angles, supports
         As of :class:`~lissome.rods.RodState`; the stretches are ones.
     rulings : array_like, shape (r,), optional
-        Ruling parameters, on segments and clamps (scheme "staggered") or at hinges ("nodal").
+        Ruling parameters, on segments and clamps (scheme "staggered") or at hinges.
     folds : array_like, shape (n,), optional
         Fold variables of the hinges.
     """
@@ -110,9 +110,13 @@ class Ribbon(BaseStructure):
     law : Wunderlich or Sadowsky
     rod : Rod
         Mesh, supports and loads.
-    scheme : {"staggered", "nodal"}
+    scheme : {"staggered", "cells", "nodal"}
         "staggered": rulings belong to segments and clamps, and a hinge takes their mean and difference
-        quotient. "nodal" (that of the thesis): rulings belong to hinges, with central differences.
+        quotient. "cells": rulings belong to hinges, slopes and fold variables to the cells between
+        them, and a hinge takes the mean energy of both its cells. "nodal" (that of the thesis): rulings
+        belong to hinges, with central differences. A place where the bending changes sign passes a
+        hinge smoothly with "cells" only: in the other two the slope of a hinge without bending is
+        twice the inverse of the width, and its fold variable infinite.
     half_turns : int
         Closed ribbons: half turns of the frame about the tangent at the joint.
     joint : {"matched", "free"}
@@ -531,7 +535,12 @@ class Ribbon(BaseStructure):
             rulings[free] = spsolve(normal, matrix[:, free].T @ wanted)
         state = self.rod.adopt(rod)
         self._check_turns(state)
-        return _state(state, rulings, fold if self.law.has_fold else np.zeros(0))
+        if not self.law.has_fold:
+            fold = np.zeros(0)
+        elif self.scheme == "cells":  # they are not at the hinges
+            _, slopes = self._rulings_at_hinges(rulings)
+            fold = np.arctanh(np.clip(0.5 * self.law.width * slopes, -1.0 + 1e-9, 1.0 - 1e-9))
+        return _state(state, rulings, fold)
 
     def _rulings_at_hinges(self, rulings: Array) -> tuple[Array, Array]:
         plan = self.layout.rulings
@@ -542,7 +551,11 @@ class Ribbon(BaseStructure):
 
     def rulings(self, state: RibbonState) -> tuple[Array, Array]:
         """Return the ruling parameter and its derivative at the hinges, shapes (n,)."""
-        return self._rulings_at_hinges(state.rulings)
+        eta, slope = self._rulings_at_hinges(state.rulings)
+        if self.law.has_fold and self.scheme == "cells":  # of the two sides of a hinge
+            skeleton = self.layout.skeleton
+            slope = skeleton.share[:, 0] * slope + skeleton.share[:, 1] * slope[skeleton.before]
+        return eta, slope
 
     def retract(self, state: RibbonState, dx: Array) -> RibbonState:
         """Return the state after the increment `dx`."""
@@ -617,10 +630,10 @@ class Ribbon(BaseStructure):
         values, rows = np.empty(n), np.empty((n, 3))
         stress = np.zeros((n if first else 0, 3))
         stiffness = np.zeros((n if second else 0, 3, 3))
-        one, two = np.empty((n if first else 0, 2)), np.empty((n if second else 0, 6))
+        one, two = np.empty((n if first else 0, 4)), np.empty((n if second else 0, 10))
         _kernel.evaluate_hinges(
-            kappa, plan.span, eta, slope, folds, layout.parameters, layout.ribbon_width, inner, values,
-            rows, stress, stiffness, one, two, order,
+            kappa, plan.span, eta, slope, folds, skeleton.before, skeleton.share, layout.parameters,
+            layout.ribbon_width, inner, values, rows, stress, stiffness, one, two, order,
         )  # fmt: skip
         total = skeleton.length + skeleton.border
         gradient = np.empty(total if first else 0)

@@ -73,17 +73,13 @@ def cotangent_factor(a):
 
 
 @jit(error_model="numpy")
-def density(parameters, k, eta, a, out):
-    """Write the energy per length and its derivatives by (bending, ruling, fold).
+def density(parameters, k, eta, g, out):
+    """Write the energy per length and its derivatives by bending, ruling, and width factor g.
 
-    `out`: W, W_k, W_h, W_a, W_kk, W_kh, W_ka, W_hh, W_ha, W_aa. `parameters`: D w, whether there is a
-    fold variable, three coefficients of the natural curvatures, and the constant.
+    `out`: W, W_k, W_h, W_g, W_kk, W_kh, W_kg, W_hh, W_hg. `parameters`: D w, whether there is a fold
+    variable, three coefficients of the natural curvatures, and the constant.
     """
     b = parameters[0]
-    if parameters[1] > 0.0:
-        g, dg, ddg = cotangent_factor(a)
-    else:
-        g, dg, ddg = 1.0, 0.0, 0.0
     r = 1.0 + eta * eta
     p = r * r
     dp = 4.0 * eta * r
@@ -95,13 +91,12 @@ def density(parameters, k, eta, a, out):
     out[0] = b * (0.5 * k2 * p * g - k * q + 0.5 * parameters[5])
     out[1] = b * (k * p * g - q)
     out[2] = b * (0.5 * k2 * dp * g - k * dq)
-    out[3] = b * 0.5 * k2 * p * dg
+    out[3] = b * 0.5 * k2 * p
     out[4] = b * p * g
     out[5] = b * (k * dp * g - dq)
-    out[6] = b * k * p * dg
+    out[6] = b * k * p
     out[7] = b * (0.5 * k2 * ddp * g - k * ddq)
-    out[8] = b * 0.5 * k2 * dp * dg
-    out[9] = b * 0.5 * k2 * p * ddg
+    out[8] = b * 0.5 * k2 * dp
 
 
 @jit(error_model="numpy")
@@ -283,14 +278,10 @@ class RibbonLaw:
             finite_array("ruling", ruling),
             finite_array("slope", slope),
         )
-        fold = np.zeros(k.shape)
-        if self.has_fold:
-            v = self.width * s
-            width_factor(v)
-            fold = np.arctanh(0.5 * v)
+        factor = width_factor(self.width * s) if self.has_fold else np.ones(k.shape)
         out = np.empty(k.size)
-        row, parameters = np.empty(10), self.parameters
-        for i, values in enumerate(zip(k.flat, h.flat, fold.flat, strict=True)):
+        row, parameters = np.empty(9), self.parameters
+        for i, values in enumerate(zip(k.flat, h.flat, factor.flat, strict=True)):
             density(parameters, float(values[0]), float(values[1]), float(values[2]), row)
             out[i] = row[0]
         return out.reshape(k.shape)
