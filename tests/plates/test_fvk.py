@@ -9,6 +9,7 @@ from skfem.helpers import ddot, eye, grad, sym_grad, trace
 
 import lissome as ls
 from lissome.errors import InvalidInput
+from lissome.factorization import SparseKKT
 from lissome.plates import Defect, Laminate, Layer, SigmoidCurve, meshes
 from lissome.plates.fvk import MixedPlate, Plate, PlateState
 from lissome.references.plate import AxisymmetricDisc, buckling_strain, fold
@@ -581,3 +582,21 @@ def test_bad_plane_loads_are_refused():
         Plate(mesh=mesh, bending=1.0, poisson=0.3, traction={"right": (np.nan, 0.0)})
     with pytest.raises(InvalidInput, match="`body_force`"):
         Plate(mesh=mesh, bending=1.0, poisson=0.3, body_force=1.0)
+
+
+@pytest.mark.parametrize(("divisions", "tolerance"), [(3, 1e-2), (4, 1e-3)])
+def test_a_dome_costs_at_most_eight_factorizations(monkeypatch, divisions, tolerance):
+    """All that are made: of the tangent on every iterate, and one for a guess of the multipliers."""
+    calls = []
+    factorize = SparseKKT.factorize
+
+    def counted(self, *args, **kwargs):
+        calls.append(self.n)
+        return factorize(self, *args, **kwargs)
+
+    monkeypatch.setattr(SparseKKT, "factorize", counted)
+    plate = dome(divisions)
+    found = ls.equilibrate(plate, plate.interpolate(cone(0.1)))
+    assert set(calls) == {plate.size}
+    assert len(calls) <= 8
+    assert found.energy == pytest.approx(DOME.solve(height=0.1).energy, rel=tolerance)

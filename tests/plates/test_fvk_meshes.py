@@ -59,6 +59,35 @@ def test_files_give_the_mesh_back(tmp_path, kind):
     assert energies[1] == pytest.approx(energies[0], rel=1e-10)
 
 
+@pytest.mark.parametrize("curved", [False, True])
+def test_named_lines_of_a_file_become_boundaries(tmp_path, curved):
+    """Physical curves of Gmsh: supports find them by name."""
+    mesh = meshes.disc(0.5, 2) if curved else meshes.rectangle(1.0, 0.7, 2)
+    rim = mesh.boundary_facets()
+    least = 0.3 if curved else 0.49
+    right = rim[mesh.p[0, mesh.facets[:, rim]].mean(axis=0) > least]
+    points = np.column_stack([mesh.doflocs.T, np.zeros(mesh.doflocs.shape[1])])
+    cells = [("line", mesh.facets[:, rim].T),
+             ("triangle6", mesh.dofs.element_dofs.T) if curved else ("triangle", mesh.t.T)]  # fmt: skip
+    tags = [np.where(np.isin(rim, right), 1, 2), np.full(mesh.t.shape[1], 3)]
+    path = tmp_path / "plate.msh"
+    meshio.Mesh(
+        points, cells, cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={"clamp": np.array([1, 1]), "others": np.array([2, 1]), "plate": np.array([3, 2])},
+    ).write(path, file_format="gmsh22")  # fmt: skip
+    read = meshes.from_file(path)
+    assert sorted(read.boundaries) == ["clamp", "others"]
+    plates = [
+        Plate(mesh=m, bending=1e-3, poisson=0.3, edges={part: "clamped"}, pressure=1e-6)
+        for m, part in ((mesh, lambda x, y: x > least), (read, "clamp"))
+    ]
+    expected = set(map(tuple, np.round(mesh.p[:, mesh.facets[:, right]].mean(axis=1).T, 12)))
+    names = read.p[:, read.facets[:, read.boundaries["clamp"]]].mean(axis=1).T
+    assert set(map(tuple, np.round(names, 12))) == expected
+    energies = [ls.equilibrate(plate).energy for plate in plates]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-10)
+
+
 def test_bad_files_are_refused(tmp_path):
     path = tmp_path / "plate.vtu"
     path.write_text("no mesh")

@@ -257,3 +257,30 @@ def test_new_values_keep_what_does_not_depend_on_them():
     for order in (0, 1):
         here, there = (p.evaluate(p.adopt(state), np.zeros(0), order) for p in (more, fresh))
         assert here.energy == there.energy
+
+
+class Pushing:
+    """Clamps that approach each other in time; what :func:`lissome.evolve` moves is their scale."""
+
+    def __init__(self, plate):
+        self.plate = plate
+
+    def structure(self, memory):
+        return self.plate.with_(support_scale=memory)
+
+    def advance(self, memory, time, step, before, after):
+        return memory + step
+
+
+def test_supports_move_in_time():
+    """A strip is bent by a turning clamp, nu = 0: the bending energy is B (turn)^2/2 over the length."""
+    plate = Plate(
+        mesh=uneven(), bending=1.0, poisson=0.0,
+        edges={"left": {"deflection": 0.0, "slope": 0.0, "displacement": (0.0, 0.0)},
+               "right": {"deflection": 1e-6, "slope": 1e-6}},
+    )  # fmt: skip
+    pushing = Pushing(plate)
+    start = ls.equilibrate(pushing.structure(0.5))
+    run = ls.evolve(pushing, 0.5, start, until=1.0, step=0.1)
+    assert run.memory == pytest.approx(1.5)
+    assert run.equilibrium.bending_energy == pytest.approx(0.5 * (1.5e-6 / 2) ** 2 * 2, rel=1e-8)

@@ -188,12 +188,20 @@ def from_file(path: str | os.PathLike[str]) -> Any:
     ----------
     path : path
         The file; a third coordinate must vanish. Triangles with three nodes make a MeshTri, those
-        with six a MeshTri2.
+        with six a MeshTri2. Named sets of lines (and Gmsh's physical curves) on the boundary become
+        named boundaries, for the supports of a plate.
+
+    Returns
+    -------
+    skfem.MeshTri or skfem.MeshTri2
 
     Raises
     ------
+    FileNotFoundError
+        If there is no such file.
     DataError
-        If the file cannot be read, or holds no triangles or triangles that are not in the plane.
+        If the file cannot be read, or holds no triangles or triangles that are not in the plane; if
+        its format needs a package that is missing.
 
     Examples
     --------
@@ -216,6 +224,10 @@ def from_file(path: str | os.PathLike[str]) -> Any:
         stored = meshio.read(path)
     except (meshio.ReadError, SystemExit, ValueError, KeyError, IndexError, OSError) as error:
         raise DataError(f"the file {path} is not a mesh that meshio can read: {error}") from error
+    except ImportError as error:
+        raise DataError(
+            f"to read {path}, meshio needs the package {error.name}: install it, or convert the file"
+        ) from error
     kinds = {block.type for block in stored.cells}
     wanted = "triangle6" if "triangle6" in kinds else "triangle"
     if wanted not in kinds:
@@ -231,17 +243,45 @@ def from_file(path: str | os.PathLike[str]) -> Any:
     straight = skfem.MeshTri(
         np.ascontiguousarray(points[used, :2].T), np.ascontiguousarray(corners.T)
     )
+    number = {tuple(sorted(pair)): i for i, pair in enumerate(straight.facets.T.tolist())}
+    vertex = {int(node): i for i, node in enumerate(used)}
+    rim = set(straight.boundary_facets().tolist())
+    boundaries = {}
+    for name, lines in _named_lines(stored).items():
+        pairs = [tuple(sorted((vertex.get(a, -1), vertex.get(b, -1)))) for a, b in lines.tolist()]
+        facets = sorted(rim & {number[pair] for pair in pairs if pair in number})
+        if facets:
+            boundaries[name] = np.array(facets)
     if wanted == "triangle":
-        return straight
+        return straight.with_boundaries(boundaries) if boundaries else straight
     curved = skfem.MeshTri2.from_mesh(straight)
     nodes = curved.doflocs.copy()
     # Nodes 3, 4, 5 lie between the corners 0-1, 1-2, 2-0.
-    number = {tuple(sorted(pair)): i for i, pair in enumerate(straight.facets.T.tolist())}
     for corner, cell in zip(corners.tolist(), cells, strict=True):
         for node, (a, b) in zip(cell[3:], ((0, 1), (1, 2), (2, 0)), strict=True):
             facet = number[tuple(sorted((corner[a], corner[b])))]
             nodes[:, straight.nvertices + facet] = points[node, :2]
-    return skfem.MeshTri2(nodes, curved.t)
+    mesh = skfem.MeshTri2(nodes, curved.t)
+    return mesh.with_boundaries(boundaries) if boundaries else mesh
+
+
+def _named_lines(stored: Any) -> dict[str, Any]:
+    """Return the ends of the lines of each named set of a meshio mesh, shape (lines, 2)."""
+    found: dict[str, list[Any]] = {}
+    tags = stored.cell_data.get("gmsh:physical")
+    named = {
+        int(tag): name for name, (tag, dimension) in stored.field_data.items() if dimension == 1
+    }
+    for i, block in enumerate(stored.cells):
+        if block.type not in ("line", "line3"):
+            continue
+        for name, members in stored.cell_sets.items():
+            if not name.startswith("gmsh:") and members[i] is not None and len(members[i]):
+                found.setdefault(name, []).append(block.data[np.asarray(members[i], dtype=int), :2])
+        if tags is not None:
+            for tag, name in named.items():
+                found.setdefault(name, []).append(block.data[np.asarray(tags[i]) == tag, :2])
+    return {name: np.vstack(parts) for name, parts in found.items()}
 
 
 def with_slit(mesh: Any, start: ArrayLike, end: ArrayLike) -> Any:
