@@ -6,8 +6,10 @@ pytest.importorskip("playwright")
 
 FRAME = """<!doctype html><html lang="en" data-theme="light"><head><meta charset="utf-8">
 <title>Page</title><script>
-if (matchMedia("(prefers-color-scheme: dark)").matches)
-  document.documentElement.dataset.theme = "dark";
+const dusk = matchMedia("(prefers-color-scheme: dark)");
+const turn = () => { document.documentElement.dataset.theme = dusk.matches ? "dark" : "light"; };
+turn();
+dusk.onchange = turn;
 </script></head><body><main><article><h1 id="top-of-it">Page</h1>{body}</article></main></body></html>
 """
 PIXEL = "data:image/gif;base64,R0lGODlhAQABAIAAAAAAAP///yH5BAEAAAAALAAAAAABAAEAAAIBRAA7"
@@ -62,6 +64,11 @@ def verdicts(tools, tmp_path_factory):
     for name, chosen in (("loads", loads), ("rest", BAD.keys() - loads)):
         bodies = "".join(BAD[fault][0] for fault in sorted(chosen))
         (book / f"{name}.html").write_text(FRAME.replace("{body}", bodies))
+    # one does not turn dark, one does, but its own script spoils what begins dark
+    still = FRAME.replace("dusk.onchange = turn;", "").replace("{body}", "<p>still</p>")
+    (book / "still.html").write_text(still)
+    spoiled = "<script>if (dusk.matches) console.error('spoiled')</script>"
+    (book / "spoiled.html").write_text(FRAME.replace("{body}", spoiled))
     pages = check_pages.pages_of(book)
     check_pages.check_links(pages)
     with pytest.MonkeyPatch.context() as patch:
@@ -80,6 +87,11 @@ def test_fault_is_found(verdicts, name):
     what, case = BAD[name][1].split(": ", 1) if ": " in BAD[name][1] else (BAD[name][1], "")
     found = [p for page in ("loads", "rest") for p in verdicts[page].problems]
     assert any(p.startswith(what) and case in p for p in found), found
+
+
+def test_a_page_is_looked_at_in_the_dark(verdicts):
+    assert verdicts["still"].problems == ["theme: light where dark was asked for"]
+    assert verdicts["spoiled"].problems == ["the console says: spoiled"]
 
 
 def test_heavy_page_and_heavy_book_are_found(tools, tmp_path, monkeypatch):

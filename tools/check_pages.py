@@ -34,8 +34,7 @@ OWN = ("file:", "data:", "blob:", "about:")
 WINDOWS = min((os.cpu_count() or 1) + 1, 4)
 #: A picture of a long page takes a busy machine more than Playwright's half minute.
 LIMIT_MS = 120_000
-#: Pages that hold docstrings only: nothing is drawn on them. A picture shows their first screen
-#: (the longest is 100 screens), and they are turned dark where they stand, not loaded again.
+#: Pages that hold docstrings only. A picture shows their first screen: the longest is 100 screens.
 REFERENCE = ("api/",)
 #: Pages that Sphinx makes of its own accord.
 LISTINGS = ("_modules/", "genindex", "py-modindex", "search")
@@ -76,6 +75,7 @@ LOOK = r"""
     plots: every(".plotly-graph-div").length,
     blank: every(".plotly-graph-div").filter((e) => !e.querySelector("canvas, svg.main-svg"))
         .map((e) => e.id),
+    scripts: every("article script").filter((e) => !e.type.startsWith("text/")).length,
     images: every("img").length,
     broken: every("img").filter((e) => e.complete && e.naturalWidth === 0)
         .map((e) => (e.getAttribute("src") || "no src").slice(0, 80)),
@@ -249,8 +249,22 @@ def _judge(tab, page: Page, theme: str) -> dict:
     return seen
 
 
-def _visit(browser, page: Page, theme: str, shot: Path | None) -> None:
-    """Open one page in one theme; on the light one also as on a phone."""
+def _turn_dark(tab) -> None:
+    """Ask for the dark theme, as a reader's system does at dusk, and wait until it is there."""
+    tab.set_viewport_size(DESK)
+    tab.emulate_media(color_scheme="dark")
+    for _ in range(PATIENCE):
+        tab.wait_for_timeout(500)
+        if tab.evaluate("document.documentElement.dataset.theme") == "dark":
+            break
+
+
+def _visit(browser, page: Page, theme: str, shot: Path | None) -> bool:
+    """Open one page in one theme; on the light one also as on a phone.
+
+    A page without scripts of its own is turned dark where it stands. Return whether it has some:
+    what they draw on a dark page shows only when they begin on one.
+    """
     reference = page.name.startswith(REFERENCE)
     context = browser.new_context(viewport=DESK, color_scheme=theme, offline=True)
     context.set_default_timeout(LIMIT_MS)
@@ -285,18 +299,15 @@ def _visit(browser, page: Page, theme: str, shot: Path | None) -> None:
             ):
                 if count:
                     page.notes.append(f"{count} {what}")
-        if reference:
-            tab.set_viewport_size(DESK)
-            tab.emulate_media(color_scheme="dark")
-            for _ in range(PATIENCE):
-                tab.wait_for_timeout(500)
-                if tab.evaluate("document.documentElement.dataset.theme") == "dark":
-                    break
+        scripted = seen["scripts"] > 0
+        if theme == "light" and not scripted and not page.name.startswith(LISTINGS):
+            _turn_dark(tab)
             _judge(tab, page, "dark")
             picture("dark")
         page.blame("the console says", said)
         page.blame("asks for what is not in the book", asked)
         page.blame("files missing", missing)
+        return scripted
     finally:
         context.close()
 
@@ -310,10 +321,9 @@ def _look_at(browser, page: Page, shots: Path | None) -> None:
     shot = shots / page.name.removesuffix(".html") if shots and not listing else None
     if shot:
         shot.parent.mkdir(parents=True, exist_ok=True)
-    once = listing or page.name.startswith(REFERENCE)
     try:
-        for theme in ("light",) if once else ("light", "dark"):
-            _visit(browser, page, theme, shot)
+        if _visit(browser, page, "light", shot) and not listing:
+            _visit(browser, page, "dark", shot)
     except Error as error:
         page.blame("the browser failed", str(error).splitlines()[0])
     page.problems = list(dict.fromkeys(page.problems))  # light and dark share most
