@@ -234,7 +234,7 @@ def test_a_damaged_description_is_refused_or_does_no_harm(folder, path, value, h
     assert not message or "datapackage.json" in message or "some-table" in message
 
 
-@pytest.mark.parametrize("path", ["../x.csv", "/etc/hostname", "a/../../x", "C:\\x", "file:///x"])
+@pytest.mark.parametrize("path", ["../x.csv", "/etc/hostname", "a/../../x", "C:\\x", "file:x"])
 def test_tables_outside_the_folder_are_refused(folder, path):
     content = damaged(PACKAGE, ("resources", 0, "path"), path, "set")
     (folder / "datapackage.json").write_text(json.dumps(content))

@@ -145,17 +145,34 @@ def test_order_does_not_depend_on_completion():
     assert frame["value"].tolist() == list(range(5))
 
 
-def test_workers_have_one_blas_thread():
+ONE_THREAD = """
+    import concurrent.futures, sys, lissome
     def threads(n):
         import numpy as np
-        import scipy.linalg
+        import scipy.linalg  # not before: it brings a BLAS of its own
         import threadpoolctl
-
         scipy.linalg.lu_factor(np.eye(3))
         return max([lib["num_threads"] for lib in threadpoolctl.threadpool_info()], default=1)
+    if __name__ == "__main__":
+        kinds = {"serial": lambda: "serial", "loky": lambda: None,
+                 "threads": lambda: concurrent.futures.ThreadPoolExecutor(2),
+                 "processes": lambda: concurrent.futures.ProcessPoolExecutor(2)}
+        executor = kinds[sys.argv[1]]()
+        print(lissome.sweep(threads, {"n": [1, 2, 3]}, executor)["value"].tolist())
+"""
 
-    assert lissome.sweep(threads, {"n": [1, 2]})["value"].tolist() == [1, 1]
-    assert sweep(threads, {"n": [1]})["value"].tolist() == [1]
+
+@pytest.mark.parametrize("kind", ["serial", "loky", "threads", "processes"])
+def test_points_have_one_blas_thread_whatever_the_environment_says(kind, tmp_path, library):
+    (tmp_path / "script.py").write_text(textwrap.dedent(ONE_THREAD))
+    done = subprocess.run(
+        [sys.executable, "script.py", kind],
+        cwd=tmp_path,
+        env={**environment(library), "OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout == "[1, 1, 1]\n", done.stderr
 
 
 def test_numpy_scalars_of_the_grid_arrive_as_python_scalars():

@@ -1,6 +1,6 @@
 """What runs at one point of a sweep, and how its result is stored: the worker's side of `sweeps`.
 
-Kept apart so that a worker process imports nothing but numpy before the function itself.
+Kept apart so that a worker process imports little before the function itself.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ __all__ = [
     "ResultStore",
     "Stale",
     "die_with",
+    "one_thread",
     "run_point",
     "this_process",
 ]
@@ -140,10 +141,21 @@ _modules_seen = 0
 def _limit_threads() -> None:
     global _modules_seen
     if len(sys.modules) != _modules_seen:  # a module may have brought its own BLAS along
-        import threadpoolctl
-
-        threadpoolctl.threadpool_limits(limits=1)
+        one_thread()
         _modules_seen = len(sys.modules)
+
+
+def one_thread() -> Any:
+    """Limit the BLAS libraries of this process to one thread; as a context, until its end.
+
+    A limit reaches only what is loaded, and scipy brings a library of its own: a function that
+    imports it late would sum in another order at its first point.
+    """
+    import scipy.linalg
+    import threadpoolctl
+
+    assert scipy.linalg is not None  # it is the import that counts
+    return threadpoolctl.threadpool_limits(limits=1)
 
 
 def _portable(error: Exception) -> Exception | None:

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import threadpoolctl
 from tqdm import tqdm
 
 from ._executors import Workers, is_client, worker_died
@@ -31,6 +30,7 @@ from ._points import (
     ResultStore,
     Stale,
     die_with,
+    one_thread,
     run_point,
     this_process,
 )
@@ -263,7 +263,7 @@ class _Run:
         self._raise_first_failure()
 
     def _serially(self, pending: list[int], bar: tqdm[Any]) -> None:
-        with threadpoolctl.threadpool_limits(limits=1):
+        with one_thread():
             for index in pending:
                 outcome = run_point(self.function, self.points[index], self._asker)
                 assert not isinstance(outcome, Stale)  # there is no other process
@@ -304,7 +304,7 @@ class _Run:
         broken: tuple[int, Exception] | None = None
         stale: _StaleWorkersError | None = None
         # Threads share this process, whose limit is set here; processes set their own.
-        with threadpoolctl.threadpool_limits(limits=1):
+        with one_thread():
             try:
                 while broken is None:
                     try:
