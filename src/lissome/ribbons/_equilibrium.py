@@ -44,6 +44,17 @@ class RibbonEquilibrium(RodEquilibrium):
     Notes
     -----
     The moments of the hinges along the second and third director hold up the constraints.
+
+    Examples
+    --------
+    A Möbius band has half a turn, part of it as twist and part as writhe:
+
+    >>> import lissome as ls
+    >>> from lissome import ribbons
+    >>> band = ribbons.band(1.0, 40, ribbons.Wunderlich(width=0.1, rigidity=1.0))
+    >>> state = ls.equilibrate(band)
+    >>> print(f"{abs(state.twist + state.writhe):.6f}", state.stable)
+    0.500000 True
     """
 
     structure: Any
@@ -183,6 +194,11 @@ class RibbonEquilibrium(RodEquilibrium):
         -------
         DevelopedSurface
 
+        Raises
+        ------
+        InvalidInput
+            If there are fewer than 2 points across.
+
         Examples
         --------
         >>> import lissome as ls
@@ -233,6 +249,11 @@ class RibbonEquilibrium(RodEquilibrium):
         Returns
         -------
         pandas.DataFrame
+
+        Raises
+        ------
+        InvalidInput
+            If `of` is none of these.
         """
         one_of("of", of, ("nodes", "hinges", "segments"))
         table = super().to_frame(of)

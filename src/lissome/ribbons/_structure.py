@@ -67,6 +67,23 @@ class RibbonState(RodState):
         Ruling parameters, on segments and clamps (scheme "staggered") or at hinges.
     folds : array_like, shape (n,), optional
         Fold variables of the hinges.
+
+    Raises
+    ------
+    InvalidInput
+        If `rulings` or `folds` is not a vector of finite numbers.
+
+    Examples
+    --------
+    The rulings of a strip that is merely bent are normal to its center line:
+
+    >>> import lissome as ls
+    >>> from lissome import ribbons
+    >>> law = ribbons.Wunderlich(width=0.1, rigidity=1.0)
+    >>> strip = ribbons.straight(1.0, 20, law).clamped("start").clamped("end", position=(0, 0, 0.9))
+    >>> state = ls.equilibrate(strip).state
+    >>> print(abs(state.rulings).max() < 1e-9, abs(state.folds).max() < 1e-9)
+    True True
     """
 
     rulings: Any = None
@@ -135,6 +152,19 @@ class Ribbon(BaseStructure):
     ------
     InvalidInput
         If an argument has a wrong value.
+
+    Examples
+    --------
+    A band without a half turn is a cylinder, with the energy :math:`2\pi^2 D w / L` but for the mesh:
+
+    >>> import numpy as np
+    >>> import lissome as ls
+    >>> from lissome import ribbons
+    >>> band = ribbons.band(1.0, 40, ribbons.Wunderlich(width=0.1, rigidity=1.0), half_turns=0)
+    >>> print(isinstance(band, ribbons.Ribbon))
+    True
+    >>> print(f"{ls.equilibrate(band).energy / (2 * np.pi**2 * 0.1):.2f}")
+    1.00
     """
 
     law: RibbonLaw
@@ -233,6 +263,11 @@ class Ribbon(BaseStructure):
         ruling : float, optional
             Ruling parameter at the clamp; 0 is a straight jaw across the strip. Free by default: only
             the center line and its frame are held.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no such node, or a value is not of the right kind.
         """
         rod = self.rod.clamped(where, position, frame, kind)
         node = rod._node(where)
@@ -243,7 +278,13 @@ class Ribbon(BaseStructure):
         return self._with(rod=rod, prescribed=tuple(sorted(kept)))
 
     def pinned(self, where: str | int, position: Any = None) -> Ribbon:
-        """Return this ribbon with the position of a node prescribed; see :meth:`lissome.rods.Rod.pinned`."""
+        """Return this ribbon with the position of a node prescribed.
+
+        Parameters
+        ----------
+        where, position
+            As of :meth:`lissome.rods.Rod.pinned`.
+        """
         return self._changed(self.rod.pinned(where, position), where)
 
     def hinged(
@@ -255,12 +296,18 @@ class Ribbon(BaseStructure):
         axis: ArrayLike,
         moment: float = 0.0,
     ) -> Ribbon:
-        """Return this ribbon with a frame that turns about an axis; see :meth:`lissome.rods.Rod.hinged`."""
+        """Return this ribbon with a frame at a node that turns about a fixed axis only.
+
+        Parameters
+        ----------
+        where, position, frame, axis, moment
+            As of :meth:`lissome.rods.Rod.hinged`.
+        """
         rod = self.rod.hinged(where, position, frame, axis=axis, moment=moment)
         return self._changed(rod, where)
 
     def freed(self, where: str | int) -> Ribbon:
-        """Return this ribbon without the support of a node."""
+        """Return this ribbon without the support of the node `where`."""
         return self._changed(self.rod.freed(where), where)
 
     def _changed(self, rod: Rod, where: str | int) -> Ribbon:
@@ -268,18 +315,24 @@ class Ribbon(BaseStructure):
         return self._with(rod=rod, prescribed=tuple(p for p in self.prescribed if p[0] != node))
 
     def loaded(self, *args: Any, **kwargs: Any) -> Ribbon:
-        """Return this ribbon under dead loads; arguments as of :meth:`lissome.rods.Rod.loaded`."""
+        """Return this ribbon under dead loads.
+
+        Parameters
+        ----------
+        *args, **kwargs
+            As of :meth:`lissome.rods.Rod.loaded`.
+        """
         return self._with(rod=self.rod.loaded(*args, **kwargs))
 
     def with_law(self, law: RibbonLaw) -> Ribbon:
-        """Return this ribbon with another law."""
+        """Return this ribbon with another `law`."""
         _check_law(law)
         self._check_width(law)
         _check_prescribed(law, self.prescribed)
         return self._with(law=law)
 
     def with_width(self, width: float) -> Ribbon:
-        """Return this ribbon with another width, of the same plate."""
+        """Return this ribbon with another `width` (length), of the same plate."""
         law = self.law.with_width(width)
         self._check_width(law)
         return self._with(law=law)
@@ -291,6 +344,11 @@ class Ribbon(BaseStructure):
         ----------
         angle : float
             Radians.
+
+        Raises
+        ------
+        InvalidInput
+            If the angle is not finite, or the end of the ribbon is not clamped.
         """
         end = next((s for s in self.supports if s.node == self.lengths.size), None)
         if end is None or end.kind != "clamped":
@@ -300,7 +358,7 @@ class Ribbon(BaseStructure):
         return self._with(rod=rod)
 
     def with_initial(self, state: RodState) -> Ribbon:
-        """Return this ribbon with another starting state. Supports stay where they are."""
+        """Return this ribbon with another starting `state`."""
         _check_state("state", state, self.lengths.size)
         return self._with(initial=state)
 
@@ -350,15 +408,15 @@ class Ribbon(BaseStructure):
         return self.rod._node(where)
 
     def positions(self, state: RodState) -> Array:
-        """Return the positions of the nodes, shape (N + 1, 3)."""
+        """Return the positions of the nodes in `state`, shape (N + 1, 3)."""
         return self.rod.positions(state)
 
     def frames(self, state: RodState) -> Array:
-        """Return the frames of segments and supports, shape (K, 4)."""
+        """Return the frames of segments and supports in `state`, shape (K, 4): quaternions, scalar first."""
         return self.rod.frames(state)
 
     def strain_densities(self, state: RodState) -> Array:
-        """Return the strain densities of the hinges, shape (n, 3)."""
+        """Return the strain densities of the hinges in `state`, shape (n, 3)."""
         return self.rod.strain_densities(state)
 
     @property
@@ -506,6 +564,11 @@ class Ribbon(BaseStructure):
         source : RibbonEquilibrium
             Of a ribbon with another mesh, scheme, law, or with other supports or joint. Frames and
             rulings are interpolated.
+
+        Raises
+        ------
+        InvalidInput
+            If `source` is not the equilibrium of a ribbon that this one can be started from.
         """
         from ._equilibrium import RibbonEquilibrium
 
@@ -550,7 +613,7 @@ class Ribbon(BaseStructure):
         return eta, slope
 
     def rulings(self, state: RibbonState) -> tuple[Array, Array]:
-        """Return the ruling parameter and its derivative at the hinges, shapes (n,)."""
+        """Return the ruling parameter in `state` and its derivative at the hinges, shapes (n,)."""
         eta, slope = self._rulings_at_hinges(state.rulings)
         if self.law.has_fold and self.scheme == "cells":  # of the two sides of a hinge
             skeleton = self.layout.skeleton
@@ -606,7 +669,7 @@ class Ribbon(BaseStructure):
     # ---- energy ----------------------------------------------------------------------------------
 
     def hinge_multipliers(self, multipliers: Array) -> Array:
-        """Return the multipliers of the hinges, shape (n, 3): of kappa_2, kappa_3 and the fold."""
+        """Return the hinges' part of `multipliers`, shape (n, 3): of kappa_2, kappa_3 and the fold."""
         n = self.layout.nodes.size
         inner = np.asarray(multipliers, dtype=float)[self.layout.plan.rows.shape[0] :]
         if self.law.has_fold:
@@ -668,7 +731,22 @@ class Ribbon(BaseStructure):
         return Evaluation(energy, constraints, gradient, kkt)
 
     def correct(self, state: RibbonState, multipliers: Array, tolerance: float) -> Corrected | None:
-        """Return a nearby stationary point, by Newton's method with a shift and a short line search."""
+        """Return a nearby stationary point, by Newton's method with a shift and a short line search.
+
+        Parameters
+        ----------
+        state : RibbonState
+            Where to start.
+        multipliers : ndarray, shape (m,)
+            A guess of the forces of constraint.
+        tolerance : float
+            Size of the next correction, relative to its typical size, at which to stop.
+
+        Returns
+        -------
+        Corrected or None
+            None if a few steps do not lead to one; :func:`lissome.equilibrate` then descends with care.
+        """
         structure: Any = self
         found = fast_correction(structure, state, multipliers, tolerance)
         if found is None or found.iterations or found.factorization is None:
@@ -681,7 +759,7 @@ class Ribbon(BaseStructure):
         return Corrected(found.state, found.multipliers + dm)
 
     def present(self, equilibrium: Equilibrium) -> Any:
-        """Return the equilibrium with strains, rulings, forces and the developed surface.
+        """Return `equilibrium` with strains, rulings, forces and the developed surface.
 
         Raises
         ------
@@ -751,7 +829,7 @@ class Ribbon(BaseStructure):
             )
 
     def diagnose(self, state: RibbonState) -> str | None:
-        """Return what is wrong with a state of a failed solve, and the remedy, or None."""
+        """Return what is wrong with `state`, that of a failed solve, and the remedy, or None."""
         found = self.rod.diagnose(state)
         if found:
             return found
