@@ -275,6 +275,97 @@ def test_the_discrete_band_converges_to_the_solution_by_collocation(half_width):
     assert abs(fine[0] - exact["energy"]) < 0.4 * abs(coarse[0] - exact["energy"])
 
 
+@pytest.fixture(scope="module")
+def steep(moebius):
+    """The band of pi w/L = 1.7, on a uniform mesh."""
+    found = moebius[5]
+    for half_width in (1.55, 1.6, 1.65, 1.68, 1.7):
+        found = ls.equilibrate(found.structure.with_law(_law(half_width)), start=found)
+    return found
+
+
+def _law(half_width):
+    width = half_width / math.pi
+    return ribbons.Wunderlich(width=width, rigidity=1.0 / width)
+
+
+def _graded(start, half_width, segments):
+    band = ribbons.band(lengths=start.graded_lengths(segments), law=_law(half_width))
+    return ls.equilibrate(band, start=band.adapted(start))
+
+
+def test_graded_meshes_reach_97_percent_of_the_limit_and_converge(steep):
+    """To pi w/L = 1.75 and beyond, with errors that fall with the square of the mesh."""
+    exact = _reference(1.75)
+    states = []
+    for segments in (120, 240):
+        found = _graded(steep, 1.7, segments)
+        for half_width in np.linspace(1.705, 1.75, 10):
+            found = ls.equilibrate(found.structure.with_law(_law(half_width)), start=found)
+        states.append(_graded(found, 1.75, segments))
+    off = np.array([eq.energy / exact["energy"] - 1 for eq in states])
+    assert off[0] / off[1] == pytest.approx(4.0, abs=0.3)
+    assert abs(off[1]) < 2.5e-3
+    assert off[1] - (off[0] - off[1]) / 3 == pytest.approx(0.0, abs=5e-5)
+    assert states[1].twist == pytest.approx(exact["twist"], abs=3e-4)
+    assert states[1].twist + states[1].writhe == pytest.approx(0.5, abs=1e-9)
+    wider = states[1]
+    for half_width in (1.755, 1.76):
+        wider = ls.equilibrate(wider.structure.with_law(_law(half_width)), start=wider)
+    assert wider.stable
+    assert wider.structure.law.width > 0.97 * ribbons.LIMIT
+
+
+def test_a_graded_mesh_is_ten_times_as_good_as_a_uniform_one(steep):
+    exact = _reference(1.7)["energy"]
+    graded = _graded(steep, 1.7, 150).energy - exact
+    assert abs(graded) < 0.35 * abs(steep.energy - exact)
+
+
+def test_the_pin_exerts_nothing_on_a_mesh_that_is_symmetric_about_it(steep):
+    eq = _graded(steep, 1.6, 101)
+    assert eq.structure.pins_phase
+    free = replace(eq.structure, phase=False)
+    there = free.evaluate(free.adopt(eq.state), eq.multipliers, 2)
+    assert np.max(np.abs(there.gradient)) < 1e-7 * np.max(np.abs(eq.moments))
+    uneven = np.array(eq.structure.lengths)
+    uneven[3] *= 1.01
+    assert not ribbons.band(lengths=uneven, law=_law(1.0)).pins_phase
+
+
+def test_a_state_goes_to_another_mesh_with_its_inflection(moebius):
+    """Meshes differ in where the inflection lies, the middle of the first segment."""
+    source = moebius[3]
+    for segments in (75, 149, 400):
+        band = ribbons.band(1.0, segments, source.structure.law)
+        state = band.adapted(source)
+        rows = band.evaluate(band.adopt(state), np.zeros(band.constraints_count), 0).constraints
+        assert np.max(np.abs(rows)) < 0.02
+        again = ls.equilibrate(band, start=state)
+        assert again.iterations <= 12
+
+
+def test_graded_lengths_follow_the_bending(moebius):
+    for segments in (40, 41):
+        lengths = moebius[4].graded_lengths(segments, share=0.6)
+        assert lengths.sum() == pytest.approx(1.0)
+        assert lengths[1:] == pytest.approx(lengths[:0:-1], rel=1e-12)
+        first, sharpest = lengths[0], lengths[1:].min()  # at the inflection; where it bends most
+        assert sharpest < 0.8 / segments
+        assert first > 1.7 / segments
+    assert np.ptp(moebius[4].graded_lengths(40, share=0.0)) < 1e-12
+    twice = ls.equilibrate(_band(0.1, 24, 0)).graded_lengths(30)
+    assert twice == pytest.approx(1 / 30)  # a cylinder bends alike everywhere
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"), [((5,), "segments"), ((40, 1.0), "share"), ((40, -0.1), "share")]
+)
+def test_wrong_gradings_are_named(moebius, arguments, name):
+    with pytest.raises(InvalidInput, match=f"`{name}`"):
+        moebius[0].graded_lengths(*arguments)
+
+
 def test_the_narrow_limit_is_that_of_the_continuous_band():
     law = ribbons.Sadowsky(width=1.0, rigidity=1.0)
     coarse, fine = (ls.equilibrate(ribbons.band(1.0, n, law)).energy for n in (150, 300))

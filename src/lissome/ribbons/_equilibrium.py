@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._validate import integer_at_least, one_of
-from ..errors import NotConverged
+from .._validate import finite, integer_at_least, one_of
+from ..errors import InvalidInput, NotConverged
 from ..rods import RodEquilibrium
 from ..rods.results import node_values
 from . import _kernel
@@ -154,7 +154,8 @@ class RibbonEquilibrium(RodEquilibrium):
             if ribbon.scheme == "nodal" and alternating
             else "let the rulings be continuous there (joint='matched')"
             if ribbon.closed and ribbon.joint == "free"
-            else f"use more segments (there are {segments:.2g} to the width, which should be 4 at least)"
+            else f"use more segments (there are {segments:.2g} to the width, which should be 4 at least), or "
+            "segments that are short where it bends (`graded_lengths`)"
         )
         raise NotConverged(
             f"the state is spurious: its bending {what} by {float(jumps.max()):.2g} of its largest value "
@@ -162,6 +163,79 @@ class RibbonEquilibrium(RodEquilibrium):
             "steps from a state that is smooth",
             state=self.state,
         )
+
+    def graded_lengths(self, segments: int, share: float = 0.5) -> Array:
+        """Return lengths of segments that are short where this state bends much.
+
+        The density of segments is ``1 - share`` times that of a uniform mesh plus ``share`` times one
+        proportional to the bending. For the Möbius band, whose bends become creases as its width nears
+        the limit. Go on with ``finer = ribbons.band(lengths=..., law=...)`` and
+        ``equilibrate(finer, start=finer.adapted(equilibrium))``.
+
+        Parameters
+        ----------
+        segments : int
+            Their number, at least 8.
+        share : float
+            Share of the segments that follow the bending, in [0, 1).
+
+        Returns
+        -------
+        ndarray, shape (segments,)
+            In a band with an odd number of half turns they are symmetric about the middle of the first
+            segment, as the bending is.
+
+        Raises
+        ------
+        InvalidInput
+            If an argument is out of its range, or the ribbon is not bent.
+
+        Examples
+        --------
+        >>> import lissome as ls
+        >>> from lissome import ribbons
+        >>> law = ribbons.Wunderlich(width=0.1, rigidity=1.0)
+        >>> coarse = ls.equilibrate(ribbons.circle(1.0, 40, law, turn=2.0))
+        >>> lengths = coarse.graded_lengths(60)
+        >>> print(lengths.size, f"{lengths.sum():.6f}")
+        60 1.000000
+        """
+        segments = integer_at_least("segments", segments, 8)
+        share = finite("share", share)
+        if not 0.0 <= share < 1.0:
+            raise InvalidInput(f"argument `share` is {share:g}; it must be in [0, 1)")
+        ribbon = self.structure
+        length = ribbon.length
+        bending = np.abs(self.strains[:, 0])
+        s = np.array(self.hinge_arclength)
+        grid = np.linspace(0.0, length, 40 * max(segments, s.size) + 1)
+        mirrored = ribbon.closed and ribbon.half_turns % 2
+        if ribbon.closed:
+            s[-1] = length
+            if (
+                mirrored
+            ):  # counted from the middle of the first segment, where the axis of symmetry is
+                s -= 0.5 * ribbon.lengths[0]
+            profile = np.interp(grid, s, bending, period=length)
+            if mirrored:
+                profile = 0.5 * (profile + profile[::-1])
+        else:
+            profile = np.interp(grid, s, bending)
+        steps = np.diff(grid)
+        wanted = np.concatenate([[0.0], np.cumsum(0.5 * (profile[1:] + profile[:-1]) * steps)])
+        if not wanted[-1] > 0.0:
+            raise InvalidInput(
+                "this ribbon is not bent: nothing tells where segments should be short; use a uniform mesh"
+            )
+        density = (1.0 - share) * grid / length + share * wanted / wanted[-1]
+        if mirrored:
+            first = np.interp(0.5 / segments, density, grid)
+            ends = np.interp((np.arange(segments) + 0.5) / segments, density, grid)
+            lengths = np.concatenate([[2.0 * first], np.diff(ends)])
+            lengths[1:] = 0.5 * (lengths[1:] + lengths[:0:-1])
+        else:
+            lengths = np.diff(np.interp(np.arange(segments + 1) / segments, density, grid))
+        return np.asarray(lengths * (length / lengths.sum()))
 
     # ---- shape, tables and files -------------------------------------------------------------------
 

@@ -48,7 +48,10 @@ def carried_over(ribbon: Ribbon, source: RibbonEquilibrium) -> tuple[RodState, A
         after = multiply(frames[0], joint)
         s = np.concatenate([[middle[-1] - ribbon.length], middle, [middle[0] + ribbon.length]])
         q = np.concatenate([before[None], frames, after[None]])
-    at = 0.5 * (ribbon.arclength[:-1] + ribbon.arclength[1:])
+    # Inflections that are pinned to the middle of the first segment stay there.
+    pinned = ribbon.pins_phase and old.pins_phase
+    shift = 0.5 * (old.lengths[0] * ratio - ribbon.lengths[0]) if pinned else 0.0
+    at = 0.5 * (ribbon.arclength[:-1] + ribbon.arclength[1:]) + shift
     if at.size == middle.size and np.allclose(at, middle, rtol=0.0, atol=1e-12 * ribbon.length):
         new = frames
     else:
@@ -61,14 +64,14 @@ def carried_over(ribbon: Ribbon, source: RibbonEquilibrium) -> tuple[RodState, A
     where = np.array(source.hinge_arclength) * ratio
     eta, fold = np.array(source.ruling), np.arctanh(np.clip(
         0.5 * old.law.width * source.ruling_slope, -1.0 + 1e-12, 1.0 - 1e-12))  # fmt: skip
-    if old.closed:
-        where[-1] = ribbon.length
-        where = np.concatenate([[0.0], where])
-        eta = np.concatenate([[old.sign * eta[-1]], eta])
-        fold = np.concatenate([[old.sign * fold[-1]], fold])
+    if old.closed:  # beyond the joint too
+        where[-1] = length = ribbon.length
+        where = np.concatenate([where[-2:] - length, where, where[:2] + length])
+        eta, fold = (np.concatenate([old.sign * v[-2:], v, old.sign * v[:2]]) for v in (eta, fold))
     targets = np.array(ribbon.layout.arclength)
     if ribbon.closed:
         targets[-1] = ribbon.length
+    targets += shift
     state = RodState(new, np.array(source.state.origin) * ratio)
     return state, np.interp(targets, where, eta), np.interp(targets, where, fold)
 

@@ -35,6 +35,13 @@ SCHEMES = ("staggered", "cells", "nodal")
 JOINTS = ("matched", "free")
 
 
+#: Folds from which on rounding errors of slopes count: cosh(a)^2 is 1e3.
+SATURATED = 4.15
+#: Largest change of a fold in one step.
+LONGEST = 1.0
+#: Folds whose difference from infinity rounding errors hide.
+LARGEST_FOLD = 15.0
+
 #: Number of segments up to which every band is looked at for having passed through itself.
 CHECKED = 600
 
@@ -427,12 +434,15 @@ class Ribbon(BaseStructure):
     @cached_property
     def pins_phase(self) -> bool:
         """Whether the phase of a closed ribbon is pinned."""
-        lengths = self.lengths
-        uniform = bool(np.ptp(lengths) <= 1e-12 * lengths[0])
-        law = self.law
+        lengths, law = self.lengths, self.law
         if self.half_turns % 2:
+            # The ruling that is held is in the axis of symmetry, which must be one of the mesh too.
+            gaps = lengths[1:] - lengths[:0:-1]
             # The sides of the strip change at the joint: if they differ, it is not like other places.
-            uniform = uniform and not (law.natural_curvature or law.natural_cross_curvature)
+            alike = not (law.natural_curvature or law.natural_cross_curvature)
+        else:
+            gaps, alike = lengths - lengths[0], True
+        uniform = alike and float(np.max(np.abs(gaps))) <= 1e-12 * self.length
         return bool(
             self.phase and self.closed and self.rod.held and uniform and self.joint == "matched"
         )
@@ -644,16 +654,30 @@ class Ribbon(BaseStructure):
         )
 
     def max_step(self, state: RibbonState, dx: Array) -> float:
-        """Return the fraction of `dx` at which no hinge turns past pi."""
-        return self.rod.max_step(state, dx[: self.layout.skeleton.rod_size])
+        """Return the fraction of `dx` at which no hinge turns past pi and no fold changes by much."""
+        step = self.rod.max_step(state, dx[: self.layout.skeleton.rod_size])
+        if self.law.has_fold:
+            largest = float(np.max(np.abs(dx[-state.folds.size :])))
+            step = min(step, LONGEST / max(largest, LONGEST))
+        return step
 
     def metric(self, state: RibbonState) -> Array:
         """Return lengths as masses: norms approximate integrals over the ribbon."""
         return self.layout.skeleton.metric
 
-    def typical(self, state: RibbonState) -> float:
-        """Return one: a radian, a ruling at 45 degrees."""
-        return 1.0
+    def typical(self, state: RibbonState) -> float | Array:
+        """Return one (a radian, a ruling at 45 degrees), and more for folds where rulings meet.
+
+        There the slope of the ruling tells a fold only to within its rounding errors, which grow like
+        cosh(a)^2: far less can be asked of it.
+        """
+        largest = float(np.max(np.abs(state.folds), initial=0.0))
+        if largest < SATURATED:
+            return 1.0
+        sizes = np.ones(self.size)
+        folds = np.minimum(np.abs(state.folds), LARGEST_FOLD)
+        sizes[-folds.size :] = np.maximum(1.0, (np.cosh(folds) / math.cosh(SATURATED)) ** 2)
+        return sizes
 
     def noise(self, state: RibbonState) -> float:
         """Return the round-off of differences of unit quaternions."""
@@ -842,7 +866,7 @@ class Ribbon(BaseStructure):
                 f"the ribbon is flat near s = {s:.4g}: rulings are undetermined where it does not bend; "
                 "bend it (bring supports nearer, turn a clamp, load it) or give it a natural curvature"
             )
-        if self.law.has_fold and np.max(np.abs(state.folds), initial=0.0) > 10.0:
+        if self.law.has_fold and np.max(np.abs(state.folds), initial=0.0) > LARGEST_FOLD:
             i = int(np.argmax(np.abs(state.folds)))
             return (
                 f"rulings all but meet on an edge near s = {self.layout.arclength[i]:.4g} (fold variable "

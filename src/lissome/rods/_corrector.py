@@ -62,7 +62,8 @@ def fast_correction(
         size = float(np.max(np.abs(dx)))
         if not math.isfinite(size):
             return None
-        if shift == 0.0 and size <= tolerance:
+        unit = rod.typical(state)
+        if shift == 0.0 and float(np.max(np.abs(dx) / unit)) <= tolerance:
             return Corrected(state, multipliers, here, factor, iteration)
         step = LARGEST / max(size, LARGEST)
         if size > 1e-3:
@@ -77,7 +78,7 @@ def fast_correction(
             new = rod.evaluate(state, multipliers, 1)
             assert new.gradient is not None
             dx, dm = factor.solve(-new.gradient, -new.constraints, refine=False)
-            second = float(np.max(np.abs(dx)))
+            second = float(np.max(np.abs(dx) / unit))
             if not second <= 0.1 * size:
                 return None
             state, multipliers = rod.retract(state, dx), multipliers + dm
