@@ -3,6 +3,8 @@
 A public name of the top level leads to the page of the module that defines it:
 docstrings write ``:func:`lissome.equilibrate` `` or, in a module that imports it, plain
 ``:class:`DataError` ``, while the reference documents ``lissome.equilibrium.equilibrate``.
+A name that a package shows as its own is documented once, there, and found from the module that
+defines it.
 Headings in the docstrings of modules become rubrics, since sections of one name on several pages
 would be ambiguous as targets.
 
@@ -28,16 +30,27 @@ def _headings_to_rubrics(app, what, name, obj, options, lines):
             lines[i - 1 : i + 1] = ["", f".. rubric:: {lines[i - 1].strip()}", ""]
 
 
+def of_package(module, name, documented):
+    """Return the full name under which a package shows a name of one of its modules, or None."""
+    parts = ["lissome", *filter(None, module.split(".")), *name.split(".")]
+    shorter = (".".join(parts[:k] + parts[k + 1 :]) for k in reversed(range(1, len(parts) - 1)))
+    return next((full for full in shorter if full in documented), None)
+
+
 def _resolve(app, env, node, contnode):
     if node.get("refdomain") != "py":
         return None
     name = node["reftarget"].removeprefix("lissome.")
     first, _, rest = name.partition(".")
     module = lissome._EXPORTS.get(first)
-    if module is None:
-        return None
-    target = ".".join(filter(None, ["lissome", module, first, rest]))
     domain = env.get_domain("py")
+    if module is None:
+        here = "" if name != node["reftarget"] else node.get("py:module") or ""
+        target = of_package(here.removeprefix("lissome."), name, domain.objects)
+    else:
+        target = ".".join(filter(None, ["lissome", module, first, rest]))
+    if target is None:
+        return None
     return domain.resolve_xref(
         env, node["refdoc"], app.builder, node["reftype"], target, node, contnode
     )

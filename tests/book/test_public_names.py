@@ -6,8 +6,13 @@ import pytest
 
 
 @pytest.fixture(scope="module")
-def mended(root):
-    return runpy.run_path(str(root / "book" / "_ext" / "public_names.py"))["mended"]
+def extension(root):
+    return runpy.run_path(str(root / "book" / "_ext" / "public_names.py"))
+
+
+@pytest.fixture(scope="module")
+def mended(extension):
+    return extension["mended"]
 
 
 def listing(anchor):
@@ -25,3 +30,18 @@ def listing(anchor):
 def test_links_point_to_what_is_documented(mended, anchor, right):
     documented = {"package.known", "package.part.Kind", "package.part.Kind.method"}
     assert mended(listing(anchor), "package.part", documented) == listing(right)
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "full"),
+    [
+        ("rods.results", "writhe", "lissome.rods.writhe"),
+        ("rods.results", "Crossings", "lissome.rods.results.Crossings"),
+        ("", "rods.centerline.State.move", "lissome.rods.State.move"),
+        ("rods.results", "unknown", None),
+    ],
+)
+def test_names_that_a_package_shows_are_found_from_their_module(extension, module, name, full):
+    documented = {"lissome.rods.writhe", "lissome.rods.State.move"}
+    found = extension["of_package"](module, name, documented)
+    assert found == (full if full in documented else None)
