@@ -113,6 +113,17 @@ def test_a_slit_opens_the_mesh_and_relaxes_a_defect():
     inside = meshes.with_slit(whole, (0.125, 0.0), (0.375, 0.0))
     assert inside.nvertices - whole.nvertices == 1
 
+    assert sorted(cut.boundaries) == ["bottom", "left", "right", "slit", "top"]
+    for name, old in whole.boundaries.items():
+        before, after = (
+            {tuple(x) for x in np.round(m.p[:, m.facets[:, f]].mean(axis=1).T, 12)}
+            for m, f in ((whole, old), (cut, cut.boundaries[name]))
+        )
+        assert before == after
+    faces = cut.p[:, cut.facets[:, cut.boundaries["slit"]]].mean(axis=1)
+    assert faces.shape[1] == 8 and np.all(faces[1] == 0) and np.all(faces[0] > 0)
+    assert set(cut.boundaries["slit"]) <= set(cut.boundary_facets())
+
     def strain(x, y):
         out = np.array([[x * x, x * y], [x * y, y * y]]) / (x * x + y * y)
         return 1e-5 * out

@@ -298,7 +298,7 @@ def with_slit(mesh: Any, start: ArrayLike, end: ArrayLike) -> Any:
     Returns
     -------
     skfem.MeshTri
-        Its named boundaries are lost.
+        With the named boundaries that it had, and both faces of the cut as "slit".
 
     Raises
     ------
@@ -368,4 +368,19 @@ def with_slit(mesh: Any, start: ArrayLike, end: ArrayLike) -> Any:
         for t in seen:
             cells[t][cells[t] == v] = new
     grown = np.vstack([points, points[split]])
-    return skfem.MeshTri(np.ascontiguousarray(grown.T), np.ascontiguousarray(cells.T))
+    opened = skfem.MeshTri(np.ascontiguousarray(grown.T), np.ascontiguousarray(cells.T))
+
+    number = {tuple(pair): i for i, pair in enumerate(opened.facets.T.tolist())}
+
+    def renumbered(facets: Any, sides: tuple[int, ...]) -> Any:
+        """Return the facets that were these, by the new numbers of the vertices of their triangles."""
+        found = set()
+        for facet in facets.tolist():
+            for triangle in mesh.f2t[list(sides), facet].tolist():
+                ends = np.isin(mesh.t[:, triangle], mesh.facets[:, facet])
+                found.add(number[tuple(sorted(cells[triangle][ends].tolist()))])
+        return np.array(sorted(found))
+
+    named = {name: np.asarray(old, dtype=np.int64) for name, old in (mesh.boundaries or {}).items()}
+    kept = {name: renumbered(old, (0,)) for name, old in named.items() if len(old)}
+    return opened.with_boundaries({**kept, "slit": renumbered(edges, (0, 1))})
