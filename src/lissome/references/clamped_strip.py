@@ -157,6 +157,16 @@ class StripEquilibrium(Equilibrium):
     solution : Point
         The four pieces over the graded variable; force, moment about the origin, places of the
         inflections, and the control.
+
+    Examples
+    --------
+    A half turn about its middle brings the sheared arch to itself:
+
+    >>> from lissome.references.clamped_strip import sheared_arch
+    >>> state = sheared_arch(1 / 12, elements=8, stages=3, tolerance=0.3)
+    >>> first, second = state.inflections
+    >>> print(f"{first + second:.6f} {state.middle[0]:.6f} {state.middle[1]:.6f}")
+    1.000000 0.375000 0.075000
     """
 
     ribbon: Any
@@ -171,7 +181,7 @@ class StripEquilibrium(Equilibrium):
 
     @property
     def middle(self) -> Array:
-        """Middle of the center line."""
+        """Middle of the center line, shape (3,), over L."""
         return np.array(self.solution.nodes[-1].reshape(4, _COUNT)[1, 7:])
 
     @property
@@ -209,12 +219,12 @@ class StripEquilibrium(Equilibrium):
         return z, _local(z, self.solution.parameters, self.ribbon)
 
     def strains(self, position: npt.ArrayLike) -> Array:
-        """Strains k1, k2 = 0, k3 at arc lengths in [0, 1], shape (..., 3)."""
+        """Strains k1, k2 = 0, k3 at arc lengths `position` in [0, 1], shape (..., 3), units of 1/L."""
         z, at = self._values(position)
         return np.stack([at.bending, 0 * at.bending, z[1] * at.bending], axis=-1)
 
     def ruling(self, position: npt.ArrayLike) -> Array:
-        """Ruling parameter at arc lengths in [0, 1]."""
+        """Ruling parameter at arc lengths `position` in [0, 1], of their shape."""
         return np.asarray(self._values(position)[0][1])
 
 
@@ -279,11 +289,14 @@ def sheared_arch(
 
     Raises
     ------
+    InvalidInput
+        If an argument is out of its range.
     NotConverged
         If the equilibria that lead there end.
 
     Examples
     --------
+    >>> from lissome.references.clamped_strip import sheared_arch
     >>> state = sheared_arch(1 / 12)
     >>> print(f"{state.energy:.3f}")
     13.534
