@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import brentq
 
 import lissome as ls
-from lissome.errors import InvalidInput, NotConverged
-from lissome.plates import Defect, meshes
+from lissome.errors import InvalidInput, NotConverged, StabilityNotResolvable
+from lissome.plates import Defect, meshes, snap
 from lissome.plates.fvk import Plate
 from lissome.plates.snap import critical_curvature, dome, inversion, sheet
 from lissome.references.plate import AxisymmetricDisc, fold
@@ -160,6 +160,22 @@ def test_disc_loses_its_roundness_where_collocation_says():
     assert loss.parameter == pytest.approx(brentq(softest, 1.0, 2.2, xtol=1e-5), rel=2e-3)
     # Waves of either phase go soft together.
     assert loss.index_after - loss.index_before == 2
+
+
+def test_waves_that_turn_freely_are_named(monkeypatch):
+    """A round dome that is deepened gives way to two waves; a square's waves are held by its sides."""
+
+    def lost(*arguments):
+        raise NotConverged("no minimum")
+
+    monkeypatch.setattr(snap, "descend", lost)
+    start = dome(disc())
+    with pytest.raises(StabilityNotResolvable, match="2 waves around its rim"):
+        inversion(disc(), hoops(-1.0, 2.0), -2.2, initial=start)
+    with pytest.raises(NotConverged, match="no minimum"):  # a fold: roundness is kept
+        inversion(disc(), hoops(-1.0, 2.0), 1.0, initial=start)
+    with pytest.raises(NotConverged, match="no minimum"):
+        inversion(square(), hoops(-1.0, 2.0), -1.74)
 
 
 def test_released_energy_is_work_done_by_curvature():

@@ -21,7 +21,7 @@ from .._descent import descend
 from .._validate import finite, finite_array, integer_at_least, one_of, positive
 from ..branch import Branch, Event, follow
 from ..equilibrium import Equilibrium, equilibrate
-from ..errors import InvalidInput, LissomeError, NotConverged
+from ..errors import InvalidInput, LissomeError, NotConverged, StabilityNotResolvable
 from ._path import NONE, Path
 from .directors import Defect, require_inside
 from .fvk import Plate, PlateState
@@ -142,6 +142,44 @@ def _shape(plate: Plate, state: PlateState) -> Array:
     return weight * w - plane @ np.linalg.lstsq(plane, weight * w, rcond=None)[0]
 
 
+def _waves(plate: Plate, state: PlateState, mode: Array) -> int:
+    """Return the number of waves by which a mode breaks the roundness of a plate; 0 if it does not."""
+    rim = plate.mesh.p[:, np.unique(plate.mesh.facets[:, plate.mesh.boundary_facets()])]
+    center = rim.mean(axis=1)
+    radii = np.hypot(*(rim - center[:, None]))
+    if np.ptp(radii) > 1e-6 * radii.max():
+        return 0
+    angle = 2 * np.pi * np.arange(32) / 32
+    ring = center + 0.9 * radii.max() * np.column_stack([np.cos(angle), np.sin(angle)])
+    size = plate.slope_scale * radii.max()
+    w = plate.deflection_at(ring, state)
+    push = 1e-3 * mode / float(np.max(np.abs(mode) / plate.typical(state)))
+    change = plate.deflection_at(ring, plate.retract(state, push)) - w
+    shape, waves = (np.abs(np.fft.rfft(v)) / 32 for v in (w, change))
+    if np.max(shape[2:]) > 1e-2 * size:
+        return 0  # not round any more
+    most = int(np.argmax(waves))
+    return most if most >= 2 else 0
+
+
+def _descended(
+    below: Plate, before: Any, modes: Array, signs: Any, interrupted: Any, p: float
+) -> Equilibrium:
+    """Return the stable state to which a plate falls."""
+    try:
+        return descend(below, before, modes, signs, interrupted)
+    except NotConverged as error:
+        waves = _waves(below, below.adopt(before.state), modes[0])
+        if not waves:
+            raise
+        raise StabilityNotResolvable(
+            f"at p = {p:.6g} the round plate gives way to {waves} waves around its rim. Nothing holds "
+            "their direction: plate and director are alike in all, so that to turn the waves costs no "
+            "energy, and whether a state with waves is a minimum is decided by errors of the mesh "
+            "alone. End before this p, or break the symmetry: a square, or a defect off the center"
+        ) from error
+
+
 def inversion(
     plate: Plate,
     direction: Any,
@@ -182,6 +220,9 @@ def inversion(
         If the plate is flat at p = 0: what has no side cannot be inverted.
     NotConverged
         If there are more than `most_losses` losses of stability, or a descent finds no minimum.
+    StabilityNotResolvable
+        If a round plate gives way to waves around its rim that turn freely, and no minimum can be
+        told for this.
 
     Examples
     --------
@@ -251,7 +292,9 @@ def inversion(
 
         signs = (1,) if event.kind == "fold" else (sign, -sign)
         below = at(frozen)
-        after = descend(below, as_balanced(event.equilibrium), event.modes, signs, interrupted)
+        after = _descended(
+            below, as_balanced(event.equilibrium), event.modes, signs, interrupted, event.parameter
+        )
         if float(first @ _shape(plate, after.state)) < 0:
             top = below.evaluate(event.equilibrium.state, np.zeros(0), 0).energy
             return Inversion(
@@ -455,6 +498,8 @@ def critical_curvature(
         If an argument is wrong, or the sheet is flat without curvature.
     NotConverged
         If the path or the descent cannot be followed.
+    StabilityNotResolvable
+        See :func:`lissome.plates.snap.inversion`.
 
     Examples
     --------
@@ -541,7 +586,9 @@ def _followed(
         frozen = loss.parameter + float(np.copysign(beyond, stop))
         below = at(frozen)
         signs = (1,) if loss.kind == "fold" else (sign, -sign)
-        after = descend(below, loss.before.balanced, loss.modes[:2], signs, NotConverged)
+        after = _descended(
+            below, loss.before.balanced, loss.modes[:2], signs, NotConverged, loss.parameter
+        )
         if float(first @ _shape(plate, after.state)) < 0:
             top = below.evaluate(loss.before.balanced.state, NONE, 0).energy
             edge = at(loss.before.parameter)
