@@ -107,18 +107,28 @@ def test_pressed_plate():
     assert equilibrate(PressedPlate(0.9 * critical)).energy == 0.0
 
 
+@pytest.mark.parametrize("spread", [1.0, 100.0])
 @pytest.mark.parametrize("multiplicity", [2, 5, 9])
-def test_no_copy_of_a_multiple_eigenvalue_is_missed(multiplicity):
+def test_no_copy_of_a_multiple_eigenvalue_is_missed(multiplicity, spread):
+    """Nor where the metric differs from place to place."""
     values = np.concatenate([np.full(multiplicity, 2.0), np.arange(3.0, 12.0)])
     n = len(values)
+    metric = np.geomspace(1.0, spread, n)[np.random.default_rng(1).permutation(n)]
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((n, n)))[0]
+    half = np.sqrt(metric)[:, None] * turn
+    hessian = half @ np.diag(values) @ half.T  # so that hessian u = value metric u
+    hessian = 0.5 * (hessian + hessian.T)
     structure = DenseStructure(
         initial=np.zeros(n),
-        energy=lambda x: 0.5 * values @ x**2,
-        gradient=lambda x: values * x,
-        hessian=lambda x: np.diag(values),
+        energy=lambda x: 0.5 * x @ hessian @ x,
+        gradient=lambda x: hessian @ x,
+        hessian=lambda x: hessian,
+        masses=metric,
     )
     spectrum = smallest_eigenvalue(equilibrate(structure), count=multiplicity + 1)
     np.testing.assert_allclose(spectrum.values, np.sort(values)[: multiplicity + 1])
+    gram = spectrum.modes @ (metric * spectrum.modes).T
+    np.testing.assert_allclose(gram, np.eye(multiplicity + 1), atol=1e-9)
 
 
 @pytest.mark.parametrize("structure", [Strip(0.7, 30), HangingChain(0.6, 10)])
