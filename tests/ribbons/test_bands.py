@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -141,15 +142,36 @@ def test_following_the_width(moebius):
     assert not branch.events
 
 
-def test_random_widths_lead_to_the_same_state(moebius):
+def test_random_widths_lead_to_the_same_state():
+    """60 bands go through random widths, each up to 1.6 times the last, to 94 % of the limit.
+
+    Each ends in the same state; a change that is too large for the solver is refused with a remedy, and
+    the sequence goes on from where it was. Few are.
+    """
     rng = np.random.default_rng(7)
-    for _ in range(12):
-        eq = moebius[int(rng.integers(0, 5))]
-        for _ in range(int(rng.integers(1, 4))):
-            ribbon = _band(rng.uniform(0.7, 1.4) * eq.structure.law.width)
-            eq = ls.equilibrate(ribbon, start=eq)
-        back = ls.equilibrate(_band(WIDTHS[2]), start=eq)
-        assert back.energy == pytest.approx(moebius[2].energy, rel=1e-9)
+    band = ribbons.band(1.0, 100, _law(0.5))
+    goal = ls.equilibrate(band)
+    starts = [goal]
+    for half_width in (0.3, 0.2, 0.1):
+        starts.append(ls.equilibrate(band.with_law(_law(half_width)), start=starts[-1]))
+    refused = []
+    for _ in range(60):
+        eq = starts[int(rng.integers(len(starts)))]
+        now = eq.structure.law.width * math.pi
+        for _ in range(int(rng.integers(1, 5))):
+            wanted = min(rng.uniform(0.6, 1.6) * now, 1.7)
+            try:
+                eq = ls.equilibrate(band.with_law(_law(wanted)), start=eq)
+                now = wanted
+            except ls.errors.LissomeError as error:
+                refused.append(str(error))
+        back = ls.equilibrate(band.with_law(_law(max(0.5, 0.6 * now))), start=eq)
+        back = ls.equilibrate(band.with_law(_law(0.5)), start=back)
+        assert back.energy == pytest.approx(goal.energy, rel=1e-9)
+        assert back.link == pytest.approx(0.5)
+    assert len(refused) <= 6
+    for message in refused:
+        assert re.search("smaller steps|more segments|start nearer|move the parameter", message)
 
 
 def test_a_fine_mesh_starts_from_the_coarse_one():
@@ -309,6 +331,7 @@ def test_graded_meshes_reach_97_percent_of_the_limit_and_converge(steep):
     assert off[1] - (off[0] - off[1]) / 3 == pytest.approx(0.0, abs=5e-5)
     assert states[1].twist == pytest.approx(exact["twist"], abs=3e-4)
     assert states[1].twist + states[1].writhe == pytest.approx(0.5, abs=1e-9)
+    assert states[1].surface().rulings_cross().size == 0
     wider = states[1]
     for half_width in (1.755, 1.76):
         wider = ls.equilibrate(wider.structure.with_law(_law(half_width)), start=wider)

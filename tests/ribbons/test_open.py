@@ -290,6 +290,41 @@ def test_a_flat_ribbon_has_no_rulings_and_says_so():
     assert "rulings are undetermined" in flat.diagnose(flat.start())
 
 
+def test_a_strip_that_is_flat_in_an_interval_says_where():
+    """kappa_1 vanishes identically between two bent parts: the rulings there are nobody's."""
+    strip = ribbons.straight(1.0, 40, LAW).clamped("start")
+    turn = np.where((np.arange(39) >= 12) & (np.arange(39) < 24), 0.0, 0.05)
+    frames = [np.array(strip.initial.quaternions[0])]
+    for angle in turn:
+        half = np.array([math.cos(0.5 * angle), math.sin(0.5 * angle), 0.0, 0.0])
+        frames.append(multiply(frames[-1], half))
+    start = RodState(np.array(frames))
+    told = strip.diagnose(strip.adopt(start))
+    assert "flat near s = 0.325" in told
+    assert "give it a natural curvature" in told
+    # Held at one end only, nothing bends it; a natural curvature does.
+    with pytest.raises(LissomeError, match=r"rulings are undetermined|singular"):
+        ls.equilibrate(strip, start=start)
+    law = ribbons.Wunderlich(width=0.1, rigidity=10.0, poisson_ratio=0.3, natural_curvature=0.5)
+    curved = ls.equilibrate(strip.with_law(law), start=start)
+    assert curved.energy == pytest.approx(0.0, abs=1e-12)
+
+
+def test_slopes_beyond_the_barrier_are_refused_and_never_reached():
+    """Rulings given by hand whose slope exceeds 2/w are no state; solvers come back below."""
+    found = ls.equilibrate(_sheared())
+    steep = np.array(found.state.rulings)
+    steep[20:25] += 0.4 * np.arange(5)  # w eta' = 2.4
+    state = ribbons.RibbonState(
+        found.state.quaternions, found.state.origin, rulings=steep, folds=found.state.folds
+    )
+    with pytest.raises(InvalidInput, match="cross"):
+        LAW.energy(1.0, 0.0, 2.0 / LAW.width)
+    again = ls.equilibrate(found.structure, start=state)
+    assert again.energy == pytest.approx(found.energy, rel=1e-9)
+    assert np.all(np.abs(again.ruling_slope) * LAW.width < 2.0)
+
+
 def test_other_structures_and_states_are_refused():
     strip = _sheared(segments=20)
     with pytest.raises(InvalidInput, match="law"):

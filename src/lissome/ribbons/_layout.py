@@ -92,7 +92,7 @@ class _Stencils:
 
 
 def _staggered(ribbon: Ribbon) -> _Stencils:
-    """Rulings on the frames: their mean and difference quotient at a hinge."""
+    """Rulings on the frames: interpolated at the node of a hinge, and their difference quotient."""
     layout = ribbon.rod.layout
     plan = layout.plan
     n, frames = plan.left.size, plan.column.size
@@ -100,6 +100,12 @@ def _staggered(ribbon: Ribbon) -> _Stencils:
     mean, slope = np.zeros((n, 3)), np.zeros((n, 3))
     where[:, 0], where[:, 1] = plan.left, plan.right
     mean[:, :2] = 0.5
+    # Between segments of unequal lengths. So rulings at nodes turn as much from node to node as the
+    # slopes of the hinges say, and do not cross.
+    lengths = ribbon.rod.lengths
+    inner = (plan.left < lengths.size) & (plan.right < lengths.size)
+    before, after = lengths[plan.left[inner]], lengths[plan.right[inner]]
+    mean[inner, 0], mean[inner, 1] = after / (before + after), before / (before + after)
     slope[:, 0], slope[:, 1] = -1.0 / plan.span, 1.0 / plan.span
     count, fixed, far = frames, {}, set()
     for node, value in ribbon.prescribed:

@@ -553,12 +553,8 @@ class Ribbon(BaseStructure):
             share = skeleton.mean[:, k]
             ok = (at >= 0) & (share != 0.0)
             np.add.at(total, at[ok], share[ok] * eta[ok])
-            np.add.at(weight, at[ok], share[ok] ** 2)
+            np.add.at(weight, at[ok], np.abs(share[ok]))
         rulings = total / np.where(weight > 0.0, weight, 1.0)
-        if skeleton.where.shape[0] and np.any(weight > 0.0):
-            scale = np.where(weight > 0.0, 1.0, 0.0)
-            staggered = bool(np.any(np.abs(skeleton.mean) == 0.5))
-            rulings = rulings * scale * (0.5 if staggered else 1.0)
         rulings[skeleton.fixed] = skeleton.values
         folds = np.zeros(0)
         if self.law.has_fold:
