@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ._core import (
     Check,
     Facts,
     agrees_with_measurement,
     all_above,
     all_below,
+    for_every_reading,
     holds,
     judge,
     number,
@@ -177,12 +180,12 @@ def ribbon_nosnap_wide(claim: Claim, facts: Facts) -> list[Check]:
     poisson_ratios=optional(numbers("the Poisson ratios")),
 )
 def ribbon_threshold(claim: Claim, facts: Facts) -> list[Check]:
-    least, most = facts["thresholds"].min(), facts["thresholds"].max()
+    thresholds = np.sort(facts["thresholds"])
     return [
-        holds(
-            bool(least - 0.02 <= claim.number <= most + 0.02),
-            f"the threshold lies between {least:.3g} and {most:.3g}, the printed one is "
-            f"{claim.number:g}",
+        for_every_reading(
+            f"the threshold is {claim.number:g} within 0.02",
+            thresholds,
+            np.abs(thresholds - claim.number) <= 0.02,
         )
     ]
 
