@@ -121,7 +121,7 @@ def test_tube_of_a_ring_does_not_cross_itself():
 def test_warning_says_where():
     u = (np.arange(100) + 0.5) * 2 * np.pi / 100
     eight = np.stack([np.sin(2 * u), np.sin(u), 0.0 * u], axis=1)
-    with pytest.warns(LissomeWarning, match="segments 49 and 99 .* self-contact is not modelled"):
+    with pytest.warns(LissomeWarning, match="segments 49 and 99 .* self-contact is not modeled"):
         found = warn_of_self_crossings(eight, 0.01, closed=True)
     assert found.distances[0] == pytest.approx(0.0, abs=1e-12)
 
@@ -353,9 +353,9 @@ def test_equilibrium_that_crosses_itself_warns(tmp_path):
     with pytest.warns(LissomeWarning, match="passes through itself") as told:
         eq = ls.equilibrate(rod)
     assert told[0].filename == __file__  # it points at the caller
-    with pytest.warns(LissomeWarning, match="self-contact is not modelled"):
+    with pytest.warns(LissomeWarning, match="self-contact is not modeled"):
         assert eq.self_crossings()
-    with pytest.warns(LissomeWarning, match="self-contact is not modelled"):
+    with pytest.warns(LissomeWarning, match="self-contact is not modeled"):
         eq.to_vtk(tmp_path / "coil.vtu")
     assert eq.self_crossings(warn=False)
 

@@ -1,4 +1,4 @@
-r"""Rolling of a closed elastica under light: closed forms and a spectral travelling wave.
+r"""Rolling of a closed elastica under light: closed forms and a spectral traveling wave.
 
 The ring is traversed counterclockwise (tangent angle :math:`\theta` from 0 at the ground to
 :math:`2\pi`), has unit length and the natural curvature :math:`2\pi`. Light falls at the angle
@@ -9,7 +9,7 @@ curvature relaxes as
    \qquad f(\varphi) = \max(0, \cos\varphi),
 
 with :math:`\delta = 0` if the lower half is lit and :math:`\delta = \pi` if the upper half is.
-Steady rolling is a travelling wave :math:`\theta(S, T) = \Theta(S - VT)`; :math:`V > 0` is rolling to
+Steady rolling is a traveling wave :math:`\theta(S, T) = \Theta(S - VT)`; :math:`V > 0` is rolling to
 the right. Equations (3.16)-(3.29) of the thesis.
 
 Two independent routes are given: the linear theory for a nearly circular ring, summed in closed
@@ -594,7 +594,7 @@ def _collocate(
     lit: tuple[bool, bool, bool],
     terminators: tuple[float, float],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Residual and Jacobian of the collocated travelling wave."""
+    """Residual and Jacobian of the collocated traveling wave."""
     size = unknown.size
     value, matrix = np.zeros(size), np.zeros((size, size))
     moment, fx, fy, speed, first, second = unknown[-6:]

@@ -821,7 +821,7 @@ class Ribbon(BaseStructure):
             if abs(result.link - wanted) > 0.25:
                 found = (
                     f"the band with {self.half_turns} half turns has passed through itself: its link is "
-                    f"{result.link:.3g} instead of {wanted:g}; self-contact is not modelled"
+                    f"{result.link:.3g} instead of {wanted:g}; self-contact is not modeled"
                 )
         if found:
             warnings.warn(found, LissomeWarning, stacklevel=5)

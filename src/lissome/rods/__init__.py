@@ -3,7 +3,7 @@
 The rods of chapter 4 of the thesis: a chain of rigid segments with frames, elastic hinges at the
 nodes. Units are the caller's: energies are stiffness over length.
 
-Self-contact is not modelled: a rod may pass through itself. :func:`lissome.equilibrate` warns of it,
+Self-contact is not modeled: a rod may pass through itself. :func:`lissome.equilibrate` warns of it,
 and ``self_crossings()`` of an equilibrium tells where.
 """
 

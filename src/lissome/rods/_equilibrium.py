@@ -67,7 +67,7 @@ class Reaction(NamedTuple):
 class RodEquilibrium(Equilibrium):
     """An equilibrium of a rod.
 
-    Self-contact is not modelled: parts of the rod may have passed through each other. :func:`equilibrate`
+    Self-contact is not modeled: parts of the rod may have passed through each other. :func:`equilibrate`
     warns of a rod that crosses itself, and :meth:`self_crossings` tells where.
 
     Attributes
@@ -288,7 +288,7 @@ class RodEquilibrium(Equilibrium):
         return round((before - self.link) / 2.0)
 
     def self_crossings(self, distance: float | None = None, *, warn: bool = True) -> Crossings:
-        """Find where the rod comes too near to itself: contact is not modelled.
+        """Find where the rod comes too near to itself: contact is not modeled.
 
         Parameters
         ----------
@@ -311,7 +311,7 @@ class RodEquilibrium(Equilibrium):
         if closed and not found and self.passages:
             warnings.warn(
                 "the rod has passed through itself since its initial state (its linking number has "
-                f"changed by {-2 * self.passages}); self-contact is not modelled",
+                f"changed by {-2 * self.passages}); self-contact is not modeled",
                 LissomeWarning,
                 stacklevel=3,
             )

@@ -988,7 +988,7 @@ class Rod(BaseStructure):
         return equilibrium.as_type(RodEquilibrium)
 
     def warn(self, equilibrium: Equilibrium, stacklevel: int = 2) -> None:
-        """Warn if the rod crosses itself: self-contact is not modelled.
+        """Warn if the rod crosses itself: self-contact is not modeled.
 
         :func:`lissome.equilibrate` asks for this; a branch does not, whose states can be asked one by
         one (:meth:`RodEquilibrium.self_crossings`).
@@ -1012,7 +1012,7 @@ class Rod(BaseStructure):
         if results.self_crossings(nodes, closed=self.closed):
             warnings.warn(
                 "the rod passes through itself, or comes within a thousandth of its length of itself; "
-                "self-contact is not modelled: `self_crossings` of the equilibrium tells where",
+                "self-contact is not modeled: `self_crossings` of the equilibrium tells where",
                 LissomeWarning,
                 stacklevel=stacklevel,
             )

@@ -270,7 +270,7 @@ def advances(quaternions: NDArray[np.float64]) -> bool:
 def warn_of_self_crossings(
     nodes: ArrayLike, distance: float | None = None, *, closed: bool = False, stacklevel: int = 2
 ) -> Crossings:
-    """Find self-crossings, and warn if there are any: contact is not modelled.
+    """Find self-crossings, and warn if there are any: contact is not modeled.
 
     Parameters
     ----------
@@ -309,7 +309,7 @@ def warn_of_self_crossings(
         i, j = (int(n) for n in found.segments[0])
         warnings.warn(
             f"the rod comes within {found.distances[0]:.3g} of itself at segments {i} and {j} "
-            f"({len(found)} pairs of segments are too near); self-contact is not modelled, so that a "
+            f"({len(found)} pairs of segments are too near); self-contact is not modeled, so that a "
             "real rod would touch itself here",
             LissomeWarning,
             stacklevel=stacklevel + 1,
