@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import skfem
+from scipy import sparse
+from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 from skfem.helpers import ddot, eye, grad, sym_grad, trace
 
@@ -250,20 +252,38 @@ def test_critical_curvature_of_a_square(benchmark, measure):
 # -- size -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("divisions", [10, 20, 38])
-@pytest.mark.parametrize("part", ["evaluation", "factorization"])
+SUPERLU = "SuperLU of SciPy, symmetric, no pivots off the diagonal"
+
+
+@pytest.mark.parametrize("divisions", [10, 20, 39])
+@pytest.mark.parametrize("part", ["evaluation", "SuperLU", "factorization"])
 def test_size(benchmark, measure, divisions, part):
     structure = plate(divisions, grading=1.2)
     state = structure.interpolate(cone)
     group = f"one Newton step, {structure.size} unknowns"
+    rounds = 3 if divisions < 30 else 1
     if part == "evaluation":
         measure("energy, gradient and Hessian", group=group)
         benchmark.pedantic(structure.evaluate, args=(state, NONE, 2), rounds=3, warmup_rounds=1)
+        return
+    kkt = structure.evaluate(state, NONE, 2).kkt
+    gauge, metric = structure.gauge(state), structure.metric(state)
+    if part == "SuperLU":
+        measure(
+            SUPERLU,
+            group=group,
+            note="the fastest of its orders; of an indefinite matrix, no inertia",
+        )
+        # Rigid motions make the Hessian singular: held by a little of the metric.
+        held = sparse.csc_matrix(kkt.hessian + 1e-9 * sparse.diags_array(metric))
+        factors = benchmark.pedantic(
+            splu, args=(held,), rounds=rounds, warmup_rounds=1,
+            kwargs={"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0,
+                    "options": {"SymmetricMode": True}},
+        )  # fmt: skip
+        assert np.array_equal(factors.perm_r, factors.perm_c)
     else:
-        measure("factorization", group=group, against="energy, gradient and Hessian")
-        kkt = structure.evaluate(state, NONE, 2).kkt
-        gauge, metric = structure.gauge(state), structure.metric(state)
+        measure("factorization, with inertia", group=group, against=SUPERLU)
         benchmark.pedantic(
-            kkt.factorize, args=(0.0, gauge, metric), rounds=3 if divisions < 30 else 1,
-            warmup_rounds=1,
+            kkt.factorize, args=(0.0, gauge, metric), rounds=rounds, warmup_rounds=1
         )  # fmt: skip
