@@ -158,6 +158,8 @@ def evidence(text):
     if text.startswith("tests/"):
         return f"Test: `{text}`."
     _, _, label = text.partition("#")
+    if label.startswith("eq-"):
+        return f"Derived in equation {{eq}}`{label}`."
     return f"Shown {{ref}}`here <{label}>`."
 
 

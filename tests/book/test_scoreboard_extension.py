@@ -70,18 +70,26 @@ Those that wait for data:
 ```
 
 ```{errata}
+:chapter: 2
+```
+
+```{errata}
 :chapter: 5
 ```
 
 See {ref}`the unit <erratum-stretching-modulus-unit>`.
 """
-# what the errata of that chapter link to
+# what the errata of these chapters link to: sections and equations
+ERRATA = literature.load("errata").columns
 FIRST += "".join(
-    f"\n({label})=\n## {label}\n"
+    f"\n$$\nx = 1\n$$ ({label})\n" if label.startswith("eq-") else f"\n({label})=\n## {label}\n"
     for label in sorted(
-        {text.partition("#")[2] for text in literature.load("errata").columns["evidence"]}
+        {
+            text.partition("#")[2]
+            for chapter, text in zip(ERRATA["chapter"], ERRATA["evidence"], strict=True)
+            if str(chapter) in ("2", "5") and "#" in text
+        }
     )
-    if label.startswith("sec-leap-")
 )
 CHAPTER = (
     NOTEBOOK
