@@ -47,13 +47,14 @@ def test_half_a_turn_about_the_vertical_maps_the_arch_onto_itself(strip):
     assert strip.middle[:2] == pytest.approx([0.375, 0.15], abs=1e-9)
 
 
-def test_discrete_strip_converges_to_it(strip):
-    """Second order, with rulings at hinges and folds in cells."""
+@pytest.mark.parametrize("scheme", ["cells", "moments"])
+def test_discrete_strip_converges_to_it(strip, scheme):
+    """Second order, with rulings at hinges and folds or moments in cells."""
     law = ribbons.Wunderlich(width=WIDTH, rigidity=1 / WIDTH)
     errors = []
     for segments in (60, 120):
         flat = ribbons.straight(
-            1.0, segments, law, tangent=(1, 0, 0), director=(0, 1, 0), scheme="cells"
+            1.0, segments, law, tangent=(1, 0, 0), director=(0, 1, 0), scheme=scheme
         ).clamped("start", (0, 0, 0))
 
         def family(p, flat=flat):
@@ -63,6 +64,27 @@ def test_discrete_strip_converges_to_it(strip):
         assert not found.events  # inflections pass hinges without any
         errors.append(found.equilibria[-1].energy - strip.energy)
     assert 0 < errors[1] < 0.35 * errors[0] < 2e-3 * strip.energy
+
+
+@pytest.mark.parametrize(
+    ("part", "place", "within"),
+    [(6, 0.33181, (0.02, 0.002, 5e-4)), (12, 0.36588, (0.05, None, 2e-3))],
+)
+def test_pitchfork_of_discrete_strips_with_moments(part, place, within):
+    """On equal segments, wherever the inflections lie in them; that of collocation is tested below."""
+    law = ribbons.Wunderlich(width=1 / part, rigidity=part)
+    for segments, error in zip((44, 88, 176), within, strict=True):
+        if error is None:
+            continue
+        flat = ribbons.straight(
+            1.0, segments, law, tangent=(1, 0, 0), director=(0, 1, 0), scheme="moments"
+        ).clamped("start", (0, 0, 0))
+        found = ls.follow(
+            lambda p, flat=flat: flat.clamped("end", (0.75, p, 0.0)), 0.0, 0.45,
+            eigenvalues=False, on_fold="stop",
+        )  # fmt: skip
+        assert found.events[0].kind == "bifurcation"
+        assert found.events[0].parameter == pytest.approx(place, rel=error)
 
 
 def test_pitchfork():

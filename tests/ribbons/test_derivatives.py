@@ -76,6 +76,38 @@ def test_derivatives_of_random_states(name, scheme, law):
     assert moved == pytest.approx(_differences(constraints, 1e-3)[0], abs=1e-8)
 
 
+@pytest.mark.parametrize("name", ["clamped", "free end", "two-node", "hinged", "uneven", "jaws"])
+def test_derivatives_where_moments_are_unknowns(name):
+    """Constraints depend on the multipliers: those of the Lagrangian in both, and its symmetry."""
+    law = ribbons.Wunderlich(width=0.1, rigidity=1.3)
+    if name == "jaws":
+        ribbon = _open(law, "moments").clamped("start", ruling=0.1)
+    else:
+        ribbon = STRUCTURES[name](law, "moments")
+    rng = np.random.default_rng(len(name))
+    state = ribbon.retract(ribbon.start(), 0.1 * rng.normal(size=ribbon.size))
+    multipliers = rng.normal(size=ribbon.constraints_count)
+    dx, dm = rng.normal(size=ribbon.size), rng.normal(size=multipliers.size)
+    here = ribbon.evaluate(state, multipliers, 2)
+
+    def at(t):
+        return ribbon.retract(state, t * dx), multipliers + t * dm
+
+    def lagrangian(t):
+        there = ribbon.evaluate(*at(t), 0)
+        return there.energy + at(t)[1] @ there.constraints
+
+    def constraints(t):
+        return ribbon.evaluate(*at(t), 0).constraints
+
+    bent, moved = here.kkt.apply(dx, dm)
+    slope, curvature = _differences(lagrangian, 2e-5)
+    scale = np.abs(here.gradient) @ np.abs(dx)
+    assert here.gradient @ dx + here.constraints @ dm == pytest.approx(slope, abs=1e-8 * scale)
+    assert dx @ bent + dm @ moved == pytest.approx(curvature, rel=1e-4)
+    assert moved == pytest.approx(_differences(constraints, 2e-5)[0], rel=1e-5, abs=1e-5)
+
+
 def test_the_difference_of_states_is_the_increment():
     ribbon = _open(WUNDERLICH, "staggered")
     dx = 0.1 * np.random.default_rng(3).normal(size=ribbon.size)

@@ -352,3 +352,65 @@ def test_turning_an_end_is_the_same_as_a_turned_circle():
     turned = ls.equilibrate(ribbon.turned(0.4), start=eq)
     direct = ls.equilibrate(ribbons.circle(1.0, 40, LAW, turn=0.4))
     assert turned.energy == pytest.approx(direct.energy, rel=1e-10)
+
+
+# ---- moments as unknowns -------------------------------------------------------------------------
+
+
+def _arch(scheme, segments=60):
+    return ribbons.straight(1.0, segments, LAW, scheme=scheme).clamped("start")
+
+
+@pytest.fixture(scope="module")
+def with_moments():
+    flat = _arch("moments")
+    found = ls.follow(lambda d: flat.clamped("end", (d, 0.0, 0.75)), 0.0, 0.1, eigenvalues=False)
+    return found.equilibria[-1]
+
+
+def test_moments_are_in_balance_and_do_the_work(with_moments):
+    eq = with_moments
+    assert eq.stable
+    arms = eq.positions[eq.hinge_nodes]
+    about = eq.moment_vectors + np.cross(arms, eq.forces[0])
+    assert about == pytest.approx(
+        np.broadcast_to(about[0], about.shape), abs=1e-8 * np.abs(about).max()
+    )
+    spans = eq.structure.layout.plan.span
+    assert spans @ eq.energy_per_length == pytest.approx(eq.energy, rel=1e-10)
+
+
+def test_force_is_the_slope_of_the_energy_with_moments(with_moments):
+    step = 1e-4
+    flat = _arch("moments")
+    up, down = (
+        ls.equilibrate(flat.clamped("end", (0.1 + s, 0.0, 0.75)), with_moments).energy
+        for s in (step, -step)
+    )
+    assert with_moments.forces[-1][0] == pytest.approx((up - down) / (2 * step), rel=1e-5)
+
+
+def test_strips_with_moments_have_the_limit_of_the_others(with_moments):
+    """Second order, from the other side."""
+    flat = _arch("moments", 120)
+    start = flat.clamped("end", (0.1, 0.0, 0.75)).adapted(with_moments)
+    assert start.rulings.size == 4 * 120 + 1
+    fine = ls.follow(lambda d: flat.clamped("end", (d, 0.0, 0.75)), 0.0, 0.1, eigenvalues=False)
+    energies = [with_moments.energy, fine.equilibria[-1].energy]
+    limit = energies[1] + (energies[1] - energies[0]) / 3
+    others = [ls.equilibrate(_sheared("cells", n)).energy for n in (60, 120)]
+    assert limit == pytest.approx(others[1] + (others[1] - others[0]) / 3, rel=3e-4)
+
+
+@pytest.mark.parametrize("what", ["closed", "curved", "inner clamp"])
+def test_what_moments_do_not_know(what):
+    with pytest.raises(InvalidInput, match="use 'cells'"):
+        if what == "closed":
+            ribbons.band(1.0, 40, LAW, scheme="moments")
+        elif what == "curved":
+            law = ribbons.Wunderlich(
+                width=0.1, rigidity=1.0, poisson_ratio=0.3, natural_curvature=1.0
+            )
+            ribbons.straight(1.0, 40, law, scheme="moments")
+        else:
+            _arch("moments").clamped(20, (0, 0, 0.3))

@@ -82,6 +82,11 @@ class RibbonEquilibrium(RodEquilibrium):
         values, rows, stress = np.empty(n), np.empty((n, 3)), np.empty((n, 3))
         folds = np.array(self.state.folds) if ribbon.law.has_fold else np.zeros(n)
         skeleton = ribbon.layout.skeleton
+        if ribbon.with_moments:
+            m = ribbon.layout.plan.rows.shape[0]
+            stress = np.array(self.multipliers[m : m + 3 * n].reshape(n, 3))
+            # The energy is of second degree in the curvature: half of what the moments do.
+            return 0.5 * np.sum(stress * self.strains, axis=1), stress
         _kernel.evaluate_hinges(
             np.array(self.strains * spans[:, None]), spans, np.array(self.ruling),
             np.array(self.ruling_slope), folds, skeleton.before, skeleton.share,

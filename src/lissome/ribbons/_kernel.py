@@ -23,7 +23,7 @@ import numpy as np
 
 from .._compile import jit as _jit
 from ..rods._kernel import _add, _turn_vector
-from .laws import cotangent_factor, density
+from .laws import complementary, cotangent_factor, density
 
 jit = _jit(error_model="numpy", no_cfunc_wrapper=True)
 
@@ -219,3 +219,97 @@ def add_rulings(
                 else:
                     for k in range(3):
                         _add(band, border, corner, column[r], c + k, g[k])
+
+
+@jit
+def evaluate_moments(kappa, multipliers, rows, stress, first, second, order):
+    """Write what hinges add whose moments are unknowns."""
+    first[:] = 0.0
+    second[:] = 0.0
+    for i in range(kappa.shape[0]):
+        for k in range(3):
+            rows[i, k] = kappa[i, k]
+            if order >= 1:
+                stress[i, k] = multipliers[i, k]
+        if order >= 2:
+            second[i, 1] = 1.0
+
+
+@jit
+def add_cells(
+    ahead, parts, column, local, fluxes, rulings, moments, multipliers, stiffness, width, points,
+    weights, rows, slopes, gradient, band, border, corner, order,
+):  # fmt: skip
+    """Add what the cells between hinges add; return their energy.
+
+    Moments are linear between hinges, rulings between the ends of the `parts` of a cell, and the flux is
+    one in each part.
+    """
+    energy = 0.0
+    out = np.empty(11)
+    place = np.empty(7, dtype=np.int64)
+    block = np.zeros((7, 7))
+    n1 = np.empty(2)
+    n2 = np.empty(2)
+    for i in range(ahead.size - 1):
+        length = ahead[i] / parts
+        place[2], place[3] = local[i, 0], local[i + 1, 0]
+        place[4], place[5] = local[i, 2], local[i + 1, 2]
+        for part in range(parts):
+            r0 = i * parts + part
+            place[0], place[1], place[6] = column[r0], column[r0 + 1], fluxes[r0]
+            flux = multipliers[r0] / length
+            slopes[r0] = 0.5 * width * (rulings[r0 + 1] - rulings[r0]) / length
+            if order >= 1:
+                f = 0.5 * width / length * multipliers[r0]
+                if place[0] >= 0:
+                    gradient[place[0]] -= f
+                if place[1] >= 0:
+                    gradient[place[1]] += f
+            block[:] = 0.0
+            for k in range(points.size):
+                x = points[k]
+                h = (1.0 - x) * rulings[r0] + x * rulings[r0 + 1]
+                y = (part + x) / parts
+                m1 = (1.0 - y) * moments[i, 0] + y * moments[i + 1, 0]
+                m3 = (1.0 - y) * moments[i, 2] + y * moments[i + 1, 2]
+                complementary(stiffness, m1 + h * m3, h, flux, out)
+                w = weights[k]
+                n1[0], n1[1] = 1.0 - x, x
+                n2[0], n2[1] = 1.0 - y, y
+                lw = length * w
+                energy += lw * out[1]
+                for r in range(2):
+                    rows[i + r, 0] -= lw * n2[r] * out[2]
+                    rows[i + r, 2] -= lw * n2[r] * h * out[2]
+                slopes[r0] -= w * out[4]
+                if order >= 1:
+                    dh = out[3] + out[2] * m3
+                    for r in range(2):
+                        if place[r] >= 0:
+                            gradient[place[r]] -= lw * n1[r] * dh
+                if order >= 2:
+                    pp, ph, pm = out[5], out[6], out[7]
+                    hh = pp * m3 * m3 + 2.0 * ph * m3 + out[8]
+                    h1 = pp * m3 + ph
+                    h3 = h * h1 + out[2]
+                    for r in range(2):
+                        for c in range(2):
+                            block[r, c] -= lw * n1[r] * n1[c] * hh
+                            block[2 + r, c] -= lw * n2[r] * n1[c] * h1
+                            block[4 + r, c] -= lw * n2[r] * n1[c] * h3
+                            block[2 + r, 2 + c] -= lw * n2[r] * n2[c] * pp
+                            block[4 + r, 2 + c] -= lw * n2[r] * n2[c] * pp * h
+                            block[4 + r, 4 + c] -= lw * n2[r] * n2[c] * pp * h * h
+                        block[6, r] -= w * n1[r] * (pm * m3 + out[9])
+                        block[6, 2 + r] -= w * n2[r] * pm
+                        block[6, 4 + r] -= w * n2[r] * pm * h
+                    block[6, 6] -= w * out[10] / length
+            if order >= 2:
+                block[6, 0] -= 0.5 * width / length
+                block[6, 1] += 0.5 * width / length
+                for r in range(7):
+                    for c in range(r + 1):
+                        if place[r] >= 0 and place[c] >= 0:
+                            _add(band, border, corner, place[r], place[c], block[r, c])
+    return energy

@@ -22,6 +22,9 @@ __all__ = ["Layout", "derive"]
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+#: Parts of a cell, with the scheme "moments": rulings turn within the distance of a width.
+PARTS = 4
+
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
@@ -40,6 +43,9 @@ class Skeleton:
     local: Integers
     before: Integers
     share: Array
+    ahead: Array  # lengths of the cells that hinges have behind them
+    parts: int  # of a cell, with the scheme "moments"
+    fluxes: Integers  # positions of their fluxes
     frame_column: Integers
     chain: ChainLayout
     length: int
@@ -89,6 +95,7 @@ class _Stencils:
     metric: Array  # lengths that the rulings stand for
     before: Integers  # hinges whose fold variable a hinge needs too; -1 if none
     share: Array  # parts of the hinge with its own fold variable, and with that one
+    ahead: Array  # lengths of the cells behind the hinges; 0 where there is none
 
 
 def _staggered(ribbon: Ribbon) -> _Stencils:
@@ -124,7 +131,9 @@ def _staggered(ribbon: Ribbon) -> _Stencils:
     metric = np.zeros(count)
     for k in range(2):
         np.add.at(metric, where[:, k], 0.5 * plan.span)
-    return _Stencils(where, mean, slope, count, fixed, frozenset(far), metric, *_alone(n))
+    return _Stencils(
+        where, mean, slope, count, fixed, frozenset(far), metric, *_alone(n), np.zeros(n)
+    )
 
 
 def _alone(n: int) -> tuple[Integers, Array]:
@@ -147,6 +156,11 @@ def _frame_of(ribbon: Ribbon, node: int) -> int:
     raise AssertionError(f"node {node} has no frame")
 
 
+def parts_of(ribbon: Ribbon) -> int:
+    """Return into how many parts the rulings divide the cells between hinges."""
+    return PARTS if ribbon.scheme == "moments" and ribbon.law.has_fold else 1
+
+
 def _nodal(ribbon: Ribbon) -> _Stencils:
     """Rulings at the hinges, without slopes if the law does not need them.
 
@@ -157,8 +171,9 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
     layout = rod.layout
     plan = layout.plan
     n, fold = plan.left.size, ribbon.law.has_fold
-    cells = fold and ribbon.scheme == "cells"
+    cells = fold and ribbon.scheme in ("cells", "moments")
     index = np.arange(n)
+    fine = parts_of(ribbon)
     if fold:
         for i in range(1, n):  # the two halves of a clamped node share a ruling
             if layout.nodes[i] == layout.nodes[i - 1]:
@@ -245,18 +260,29 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
     for i, row in enumerate(terms):
         for k, (f, m, d) in enumerate(row):
             where[i, k], mean[i, k], slope[i, k] = f, m, d
+    count = n
+    if fine > 1:
+        where = np.where(where >= 0, where * fine, -1)
+        count = (n - 1) * fine + 1
     fixed: dict[int, float] = {}
     for node, value in ribbon.prescribed:
         for at in np.flatnonzero(layout.nodes == node):
-            fixed[int(index[at])] = value
+            fixed[int(index[at]) * fine] = value
     if matched:
         if aliased:
             far.add(0)
         elif fold:
             far.update({0, last})
-    metric = np.zeros(n)
+    metric = np.zeros(count)
     np.add.at(metric, where[:, 0], plan.span)
-    return _Stencils(where, mean, slope, n, fixed, frozenset(far), metric, before_of, share)
+    if fine > 1:
+        metric = np.full(count, 0.0)
+        pieces = np.repeat(ahead[:-1], fine) / fine
+        metric[:-1] += 0.5 * pieces
+        metric[1:] += 0.5 * pieces
+    return _Stencils(
+        where, mean, slope, count, fixed, frozenset(far), metric, before_of, share, ahead
+    )
 
 
 def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
@@ -265,11 +291,16 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
     plan = layout.plan
     fold = ribbon.law.has_fold
     staggered = ribbon.scheme == "staggered" and fold
-    cells = ribbon.scheme == "cells" and fold
+    moments = ribbon.scheme == "moments" and fold
+    cells = (ribbon.scheme == "cells" or moments) and fold
     stencils = _staggered(ribbon) if staggered else _nodal(ribbon)
     n = plan.left.size
     used = np.zeros(stencils.count, dtype=bool)
     used[stencils.where[stencils.where >= 0]] = True
+    parts = parts_of(ribbon)
+    fluxes = np.full((n - 1) * parts, -1, dtype=np.int64)
+    if moments:
+        used[:] = True
     column = np.full(stencils.count, -1, dtype=np.int64)
     frame_column = np.full(plan.column.size, -1, dtype=np.int64)
     local = np.full((n, 4), -1, dtype=np.int64)
@@ -296,15 +327,26 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
                     place += 1
             if turn == 0:
                 if cells and i:  # the cell behind is between the frames that it couples
-                    local[i - 1, [0, 3]] = place, place + 1
-                    place += 2
+                    if moments:
+                        for k in range((i - 1) * parts, i * parts):
+                            fluxes[k] = place
+                            place += 1
+                            if (k + 1) % parts:  # the last one is at the hinge
+                                column[k + 1] = place
+                                place += 1
+                    else:
+                        local[i - 1, [0, 3]] = place, place + 1
+                        place += 2
                 if not staggered:
                     r = int(stencils.where[i, 0])
                     if waiting[r]:
                         column[r] = place
                         waiting[r] = False
                         place += 1
-                if cells or not fold:
+                if moments:
+                    local[i, :3] = place + np.arange(3)
+                    place += 3
+                elif cells or not fold:
                     local[i, 1:3] = place, place + 1
                     place += 2
                 else:
@@ -313,9 +355,10 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
     if cells:
         # the cell of a joint is at both ends of the chain
         split = bool(np.any(stencils.before == n - 1))
-        local[n - 1, 3] = place
-        place += 1
-        if not split:
+        if not moments:
+            local[n - 1, 3] = place
+            place += 1
+        if not split and not moments:
             local[n - 1, 0] = place
             place += 1
     length = place
@@ -330,7 +373,7 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
         if open_rulings[r]:
             column[r] = place
             place += 1
-    if cells and split:
+    if cells and split and not moments:
         local[n - 1, 0] = place
         place += 1
     border_unknowns = place - length
@@ -343,9 +386,9 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
         steps = np.arange(1 if plan.turning[frame] else 3)
         rod_positions[plan.column[frame] + steps] = frame_column[frame] + steps
     free = np.flatnonzero(column >= 0)
-    folds = local[:, 0] if fold else np.zeros(0, dtype=np.int64)
+    folds = local[:, 0] if fold and not moments else np.zeros(0, dtype=np.int64)
     unknowns = np.concatenate([rod_positions, column[free], folds])
-    inner = local[:, 1:] if fold else local[:, 1:3]
+    inner = np.append(local[:, :3], fluxes) if moments else local[:, 1:] if fold else local[:, 1:3]
     constraints = np.concatenate([length + border_unknowns + np.arange(m), inner.reshape(-1)])
 
     left, right = frame_column[plan.left][:, None], frame_column[plan.right][:, None]
@@ -354,17 +397,26 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
     other = np.where(stencils.before >= 0, local[stencils.before, 0], -1)[:, None]
     ends = (left + 2 * (left >= 0), right + 2 * (right >= 0))
     width = 2
-    for together in (
+    groups = [
         [used_here, left, right, *ends, local[:, :3], other],
         [rulings, local[:, ::3]],
-    ):
+    ]
+    if moments:
+        groups[0].pop()
+        shown = np.full((n, 2 * parts + 4), -1, dtype=np.int64)
+        shown[:-1, :parts] = fluxes.reshape(n - 1, parts)
+        shown[:-1, parts : 2 * parts] = column[:-1].reshape(n - 1, parts)
+        shown[:-1, -4] = column[parts::parts]
+        shown[:-1, -3:] = local[1:, :3]
+        groups[1] = [local[:, :3], shown]
+    for together in groups:
         every = np.concatenate(together, axis=1)
         inside = (every >= 0) & (every < length)
         high = np.where(inside, every, -1).max(axis=1)
         low = np.where(inside, every, length).min(axis=1)
         width = max(width, int(np.max(high - low)))
     metric = np.concatenate(
-        [layout.metric, stencils.metric[free], plan.span if fold else np.zeros(0)]
+        [layout.metric, stencils.metric[free], plan.span if folds.size else np.zeros(0)]
     )
     metric.flags.writeable = False
     fixed = np.array(sorted(stencils.fixed), dtype=np.int64)
@@ -382,6 +434,9 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
         local=local,
         before=stencils.before,
         share=stencils.share,
+        ahead=stencils.ahead,
+        parts=parts,
+        fluxes=fluxes,
         frame_column=frame_column,
         chain=ChainLayout(length, unknowns, constraints, border_unknowns + m),
         length=length,

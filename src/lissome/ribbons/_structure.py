@@ -31,7 +31,9 @@ __all__ = ["Ribbon", "RibbonState"]
 
 Array = NDArray[np.float64]
 
-SCHEMES = ("staggered", "cells", "nodal")
+SCHEMES = ("staggered", "cells", "moments", "nodal")
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
 JOINTS = ("matched", "free")
 
 
@@ -134,13 +136,16 @@ class Ribbon(BaseStructure):
     law : Wunderlich or Sadowsky
     rod : Rod
         Mesh, supports and loads.
-    scheme : {"staggered", "cells", "nodal"}
+    scheme : {"staggered", "cells", "moments", "nodal"}
         "staggered": rulings belong to segments and clamps, and a hinge takes their mean and difference
         quotient. "cells": rulings belong to hinges, slopes and fold variables to the cells between
-        them, and a hinge takes the mean energy of both its cells. "nodal" (that of the thesis): rulings
-        belong to hinges, with central differences. A place where the bending changes sign passes a
-        hinge smoothly with "cells" only: in the other two the slope of a hinge without bending is
-        twice the inverse of the width, and its fold variable infinite.
+        them, and a hinge takes the mean energy of both its cells. "moments" (open ribbons, flat at
+        rest, clamped at their ends): moments are linear between hinges, rulings have four parts there,
+        and the angles of the hinges are derivatives of the complementary energy, which is even where
+        the bending changes sign; begin with a ribbon that is bent but not twisted. "nodal" (that of the
+        thesis): rulings belong to hinges, with central differences. A place where the bending changes
+        sign passes a hinge smoothly with "cells" and "moments": in the other two the slope of a hinge
+        without bending is twice the inverse of the width, and its fold variable infinite.
     half_turns : int
         Closed ribbons: half turns of the frame about the tangent at the joint.
     joint : {"matched", "free"}
@@ -192,6 +197,8 @@ class Ribbon(BaseStructure):
             )
         one_of("scheme", self.scheme, SCHEMES)
         one_of("joint", self.joint, JOINTS)
+        if self.with_moments:
+            self._check_moments()
         if self.rod.stretching is not None:
             raise InvalidInput("argument `rod` can stretch; a ribbon is inextensible")
         if self.rod.measure != "sine":
@@ -227,6 +234,21 @@ class Ribbon(BaseStructure):
         if self.initial is None:
             object.__setattr__(self, "initial", self.rod.initial)
 
+    def _check_moments(self) -> None:
+        """Refuse what the scheme "moments" does not know."""
+        what = ""
+        if self.rod.closed:
+            what = "a closed ribbon"
+        elif self.law.naturally_curved:
+            what = "a ribbon that is curved at rest"
+        elif any(0 < support.node < self.rod.lengths.size for support in self.rod.supports
+                 if support.frame is not None):  # fmt: skip
+            what = "a clamp between the ends"
+        if what:
+            raise InvalidInput(
+                f"argument `scheme` is 'moments', which does not know {what}; use 'cells'"
+            )
+
     def _check_width(self, law: RibbonLaw) -> None:
         """Refuse a strip that is too wide for one half turn."""
         if abs(self.half_turns) != 1 or not law.has_fold:
@@ -244,6 +266,8 @@ class Ribbon(BaseStructure):
         for item in fields(self):
             object.__setattr__(new, item.name, changes.get(item.name, getattr(self, item.name)))
         new.__dict__["shared"] = self.shared
+        if new.with_moments:
+            new._check_moments()
         return new
 
     @cached_property
@@ -467,9 +491,27 @@ class Ribbon(BaseStructure):
         return int(self.layout.skeleton.chain.constraints.size)
 
     @property
+    def with_moments(self) -> bool:
+        """Whether bending moments are unknowns, and fold variables are not."""
+        return self.law.has_fold and self.scheme == "moments"
+
+    @property
+    def with_folds(self) -> bool:
+        """Whether fold variables are unknowns."""
+        return self.law.has_fold and self.scheme != "moments"
+
+    @property
     def constraint_names(self) -> tuple[str, ...]:
         """Names of the constraints."""
         names = ["kappa_2", "kappa_3", "fold"] if self.law.has_fold else ["kappa_2", "kappa_3"]
+        if self.with_moments:
+            names = ["kappa_1", "kappa_2", "kappa_3"]
+            parts = range(self.layout.skeleton.fluxes.size)
+            return (
+                *self.rod.constraint_names,
+                *(f"{name} at node {node}" for node in self.layout.nodes for name in names),
+                *(f"slope of part {part}" for part in parts),
+            )
         return (
             *self.rod.constraint_names,
             *(f"{name} at node {node}" for node in self.layout.nodes for name in names),
@@ -500,7 +542,7 @@ class Ribbon(BaseStructure):
         _check_state("start", state, self.lengths.size)
         skeleton = self.layout.skeleton
         n = self.layout.nodes.size
-        folds = n if self.law.has_fold else 0
+        folds = n if self.with_folds else 0
         rod = self.rod.adopt(state)
         self._check_turns(rod)
         if not isinstance(state, RibbonState) or not state.rulings.size:
@@ -555,9 +597,11 @@ class Ribbon(BaseStructure):
             np.add.at(total, at[ok], share[ok] * eta[ok])
             np.add.at(weight, at[ok], np.abs(share[ok]))
         rulings = total / np.where(weight > 0.0, weight, 1.0)
+        if self.with_moments:
+            rulings = self._on_parts(rulings[:: skeleton.parts])
         rulings[skeleton.fixed] = skeleton.values
         folds = np.zeros(0)
-        if self.law.has_fold:
+        if self.with_folds:
             _, slope = self._rulings_at_hinges(rulings)
             folds = np.arctanh(np.clip(0.5 * self.law.width * slope, -0.95, 0.95))
         return _state(state, rulings, folds)
@@ -602,14 +646,22 @@ class Ribbon(BaseStructure):
         if free.size:
             normal = normal + 1e-12 * sparse.eye_array(free.size, format="csc")
             rulings[free] = spsolve(normal, matrix[:, free].T @ wanted)
+        if self.with_moments:
+            rulings = self._on_parts(eta)
+            rulings[skeleton.fixed] = skeleton.values
         state = self.rod.adopt(rod)
         self._check_turns(state)
-        if not self.law.has_fold:
+        if not self.with_folds:
             fold = np.zeros(0)
         elif self.scheme == "cells":  # they are not at the hinges
             _, slopes = self._rulings_at_hinges(rulings)
             fold = np.arctanh(np.clip(0.5 * self.law.width * slopes, -1.0 + 1e-9, 1.0 - 1e-9))
         return _state(state, rulings, fold)
+
+    def _on_parts(self, rulings: Array) -> Array:
+        """Return rulings at the ends of all parts of cells, interpolated between hinges."""
+        at = np.arange(self.layout.skeleton.rulings) / self.layout.skeleton.parts
+        return np.asarray(np.interp(at, np.arange(rulings.size), rulings))
 
     def _rulings_at_hinges(self, rulings: Array) -> tuple[Array, Array]:
         plan = self.layout.rulings
@@ -621,7 +673,14 @@ class Ribbon(BaseStructure):
     def rulings(self, state: RibbonState) -> tuple[Array, Array]:
         """Return the ruling parameter in `state` and its derivative at the hinges, shapes (n,)."""
         eta, slope = self._rulings_at_hinges(state.rulings)
-        if self.law.has_fold and self.scheme == "cells":  # of the two sides of a hinge
+        if self.with_moments:
+            skeleton = self.layout.skeleton
+            slope = np.diff(state.rulings) / np.repeat(skeleton.ahead[:-1], skeleton.parts)
+            slope *= skeleton.parts
+            before = np.append(slope[:1], slope[skeleton.parts - 1 :: skeleton.parts])
+            after = np.append(slope[:: skeleton.parts], slope[-1:])
+            slope = 0.5 * (before + after)
+        elif self.law.has_fold and self.scheme == "cells":  # of the two sides of a hinge
             skeleton = self.layout.skeleton
             slope = skeleton.share[:, 0] * slope + skeleton.share[:, 1] * slope[skeleton.before]
         return eta, slope
@@ -652,7 +711,7 @@ class Ribbon(BaseStructure):
     def max_step(self, state: RibbonState, dx: Array) -> float:
         """Return the fraction of `dx` at which no hinge turns past pi and no fold changes by much."""
         step = self.rod.max_step(state, dx[: self.layout.skeleton.rod_size])
-        if self.law.has_fold:
+        if self.with_folds:
             largest = float(np.max(np.abs(dx[-state.folds.size :])))
             step = min(step, LONGEST / max(largest, LONGEST))
         return step
@@ -692,6 +751,10 @@ class Ribbon(BaseStructure):
         """Return the hinges' part of `multipliers`, shape (n, 3): of kappa_2, kappa_3 and the fold."""
         n = self.layout.nodes.size
         inner = np.asarray(multipliers, dtype=float)[self.layout.plan.rows.shape[0] :]
+        if self.with_moments:
+            parts = self.layout.skeleton.parts
+            flux = np.append(inner[3 * n :].reshape(n - 1, parts).mean(axis=1), 0.0)
+            return np.column_stack([inner[: 3 * n].reshape(n, 3)[:, 1:], flux])
         if self.law.has_fold:
             return np.ascontiguousarray(inner.reshape(n, 3))
         out = np.zeros((n, 3))
@@ -708,6 +771,8 @@ class Ribbon(BaseStructure):
         rod_kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
         eta, slope = self._rulings_at_hinges(state.rulings)
         inner = self.hinge_multipliers(multipliers)
+        if self.with_moments:
+            return self._evaluate_moments(state, multipliers, order, frames, q, kappa, eta, slope)
         folds = np.array(state.folds) if self.law.has_fold else np.zeros(n)
         first, second = order >= 1, order >= 2
         values, rows = np.empty(n), np.empty((n, 3))
@@ -748,6 +813,63 @@ class Ribbon(BaseStructure):
         moment = layout.parameters[0] * max(math.sqrt(np.mean(bending**2)), 1.0 / self.length)
         kkt.least = np.zeros(constraints.size)
         kkt.least[m:].reshape(n, -1)[:, :2] = moment
+        return Evaluation(energy, constraints, gradient, kkt)
+
+    def _evaluate_moments(
+        self, state: RibbonState, multipliers: Array, order: int, frames: Array, q: Array, kappa: Array,
+        eta: Array, slope: Array,
+    ) -> Evaluation:  # fmt: skip
+        """Return the same for the scheme "moments", by the complementary energy.
+
+        The moments are multipliers, and constraints depend on them: angles are the derivatives of the
+        complementary energy. The KKT matrix has its second derivatives, negative, in the corner of the
+        multipliers; its inertia is that of a minimum if the state is one.
+        """
+        layout = self.layout
+        skeleton, plan = layout.skeleton, layout.plan
+        n, m = plan.left.size, plan.rows.shape[0]
+        moments = np.array(multipliers[m : m + 3 * n].reshape(n, 3))
+        fluxes = np.array(multipliers[m + 3 * n :])
+        first, second = order >= 1, order >= 2
+        rows, slopes = np.empty((n, 3)), np.empty(fluxes.size)
+        stress, stiffness = np.zeros((n, 3)), np.zeros((n if second else 0, 3, 3))
+        one, two = np.empty((n, 4)), np.empty((n, 10))
+        _kernel.evaluate_moments(kappa, moments, rows, stress, one, two, order)
+        total = skeleton.length + skeleton.border
+        gradient = np.empty(total if first else 0)
+        band = np.empty((skeleton.length if second else 0, skeleton.width + 1))
+        border = np.empty((skeleton.length if second else 0, skeleton.border))
+        corner = np.empty((skeleton.border, skeleton.border))
+        outer = np.empty(m)
+        energy = rod_kernel.assemble(
+            frames, np.array(state.stretches), np.array(state.angles), q, np.zeros(n), stress,
+            stiffness, plan, np.array(multipliers[:m], dtype=float), gradient, band, border, corner,
+            outer, order,
+        )  # fmt: skip
+        if layout.rod.net_force is not None:
+            energy -= float(layout.rod.net_force @ self.rod._fixed_position(state))
+        if first:
+            rulings = layout.rulings._replace(where=np.full((n, 3), -1, dtype=np.int64))
+            _kernel.add_rulings(
+                q, kappa, np.zeros(n), plan, rulings, layout.ribbon_width, np.zeros((n, 3)), one, two,
+                gradient, band, border, corner, order,
+            )  # fmt: skip
+        energy += _kernel.add_cells(
+            skeleton.ahead, skeleton.parts, skeleton.column, skeleton.local, skeleton.fluxes,
+            np.array(state.rulings), moments, fluxes, float(layout.parameters[0]), layout.ribbon_width,
+            POINTS, WEIGHTS, rows, slopes, gradient, band, border, corner, order,
+        )  # fmt: skip
+        constraints = np.concatenate([outer, rows.reshape(-1), slopes])
+        if order == 0:
+            return Evaluation(energy, constraints)
+        gradient = gradient[skeleton.chain.unknowns]
+        if order == 1:
+            return Evaluation(energy, constraints, gradient)
+        kkt = _RibbonKKT(band, border.T, corner, layout=skeleton.chain)
+        size = kappa[:, 0] / plan.span
+        moment = layout.parameters[0] * max(math.sqrt(np.mean(size**2)), 1.0 / self.length)
+        kkt.least = np.zeros(constraints.size)
+        kkt.least[m : m + 3 * n] = moment
         return Evaluation(energy, constraints, gradient, kkt)
 
     def correct(self, state: RibbonState, multipliers: Array, tolerance: float) -> Corrected | None:

@@ -73,6 +73,83 @@ def cotangent_factor(a):
 
 
 @jit(error_model="numpy")
+def fold_of(y):
+    """Return the fold variable a >= 0 with (sinh 2a - 2a)/(4 a^2) = y >= 0."""
+    if y < 1e-3:
+        a = 3.0 * y
+        return a * (1.0 - 0.2 * a * a)
+    target = math.log(y)
+    # Newton's method for the logarithm of both sides over that of a: convex, so that it goes down
+    # from the right.
+    a = min(3.0 * y, 1.5 + 0.75 * math.log1p(y))
+    for _ in range(50):
+        if a < 0.3:
+            x = a * a
+            h = (
+                a
+                / 3.0
+                * (1.0 + x * (0.2 + x * (2.0 / 105.0 + x * (1.0 / 945.0 + x * 2.0 / 51975.0))))
+            )
+            value = math.log(h)
+            slope = 1.0 + 2.0 * x * (
+                0.2 + x * (4.0 / 105.0 + x * (3.0 / 945.0 + x * 8.0 / 51975.0))
+            ) / (1.0 + x * (0.2 + x * (2.0 / 105.0 + x * (1.0 / 945.0 + x * 2.0 / 51975.0))))
+        else:
+            decay = math.exp(-2.0 * a)
+            e = decay * decay
+            tail = 4.0 * a * decay
+            value = 2.0 * a + math.log((1.0 - e - tail) / (8.0 * a * a))
+            slope = 2.0 * a * (1.0 + e - 2.0 * decay) / (1.0 - e - tail) - 2.0
+        step = (value - target) / slope
+        a *= math.exp(-step)
+        if abs(step) < 1e-8:  # the next one is of the order of its square
+            break
+    return a
+
+
+@jit(error_model="numpy")
+def complementary(b, stress, eta, flux, out):
+    """Write the complementary energy per length, the Legendre transform of that of `density`.
+
+    By the moment P that works on the bending, and the flux m that works on half of the width times the
+    slope: the largest value over k and a of ``P k + m tanh(a) - D w k^2 (1 + h^2)^2 a coth(a) / 2``.
+    With ``S = P^2 / (D w (1 + h^2)^2)`` that is where ``(sinh 2a - 2a) / (4 a^2) = m / S``. Unlike bending
+    and fold it is smooth where P passes zero: a is infinite there, its tanh and the energy are not.
+
+    `out`: value, energy, first derivatives by P, h and m, then those by PP, Ph, Pm, hh, hm, mm.
+    """
+    r = 1.0 + eta * eta
+    rho = 4.0 * eta / r
+    drho = 4.0 * (1.0 - eta * eta) / (r * r)
+    c = 1.0 / (b * r * r)
+    size = max(abs(stress), 1e-150)
+    s = stress * stress * c
+    a = fold_of(abs(flux) / (size * size * c)) if flux != 0.0 else 0.0
+    g, d, e = cotangent_factor(a)
+    decay = math.exp(-2.0 * a)
+    t = (1.0 - decay) / (1.0 + decay)
+    sech2 = 4.0 * decay / ((1.0 + decay) * (1.0 + decay))
+    bend = e - 2.0 * d * d / g + 2.0 * t * d
+    sign = 1.0 if flux >= 0.0 else -1.0
+    value = 0.5 * s / g + abs(flux) * t
+    ds = 0.5 / g
+    dss_s = d * d / (2.0 * g * g * bend)  # times s: finite where s vanishes
+    dsm_s = -sign * d * sech2 / bend  # times s
+    out[0] = value
+    out[1] = 0.5 * s / g
+    out[2] = stress * c / g
+    out[3] = -rho * s * ds
+    out[4] = sign * t
+    out[5] = 2.0 * c * (ds + 2.0 * dss_s)
+    # derivatives of S: P: 2 P c; h: -rho s; Ph: -2 rho P c; hh: s (rho^2 - drho)
+    out[6] = -2.0 * rho * stress * c * (ds + dss_s)
+    out[7] = 2.0 * dsm_s * (1.0 if stress >= 0.0 else -1.0) / size
+    out[8] = s * (rho * rho - drho) * ds + rho * rho * s * dss_s
+    out[9] = -rho * dsm_s
+    out[10] = 2.0 * g * g * sech2 * sech2 / (max(s, size * size * c) * bend)
+
+
+@jit(error_model="numpy")
 def density(parameters, k, eta, g, out):
     """Write the energy per length and its derivatives by bending, ruling, and width factor g.
 
