@@ -251,6 +251,7 @@ def add_cells(
     block = np.zeros((7, 7))
     n1 = np.empty(2)
     n2 = np.empty(2)
+    fold = 0.0
     for i in range(ahead.size - 1):
         length = ahead[i] / parts
         place[2], place[3] = local[i, 0], local[i + 1, 0]
@@ -273,7 +274,7 @@ def add_cells(
                 y = (part + x) / parts
                 m1 = (1.0 - y) * moments[i, 0] + y * moments[i + 1, 0]
                 m3 = (1.0 - y) * moments[i, 2] + y * moments[i + 1, 2]
-                complementary(stiffness, m1 + h * m3, h, flux, out)
+                fold = complementary(stiffness, m1 + h * m3, h, flux, fold, out)
                 w = weights[k]
                 n1[0], n1[1] = 1.0 - x, x
                 n2[0], n2[1] = 1.0 - y, y

@@ -73,15 +73,16 @@ def cotangent_factor(a):
 
 
 @jit(error_model="numpy")
-def fold_of(y):
-    """Return the fold variable a >= 0 with (sinh 2a - 2a)/(4 a^2) = y >= 0."""
+def fold_of(y, guess):
+    """Return the fold variable a >= 0 with (sinh 2a - 2a)/(4 a^2) = y >= 0; a guess of 0 is none."""
     if y < 1e-3:
         a = 3.0 * y
         return a * (1.0 - 0.2 * a * a)
     target = math.log(y)
     # Newton's method for the logarithm of both sides over that of a: convex, so that it goes down
     # from the right.
-    a = min(3.0 * y, 1.5 + 0.75 * math.log1p(y))
+    most = min(3.0 * y, 2.0 + 0.75 * math.log1p(y))
+    a = min(guess, most) if guess > 0.0 else most
     for _ in range(50):
         if a < 0.3:
             x = a * a
@@ -101,14 +102,14 @@ def fold_of(y):
             value = 2.0 * a + math.log((1.0 - e - tail) / (8.0 * a * a))
             slope = 2.0 * a * (1.0 + e - 2.0 * decay) / (1.0 - e - tail) - 2.0
         step = (value - target) / slope
-        a *= math.exp(-step)
+        a = min(a * math.exp(-step), most)
         if abs(step) < 1e-8:  # the next one is of the order of its square
             break
     return a
 
 
 @jit(error_model="numpy")
-def complementary(b, stress, eta, flux, out):
+def complementary(b, stress, eta, flux, guess, out):
     """Write the complementary energy per length, the Legendre transform of that of `density`.
 
     By the moment P that works on the bending, and the flux m that works on half of the width times the
@@ -117,6 +118,7 @@ def complementary(b, stress, eta, flux, out):
     and fold it is smooth where P passes zero: a is infinite there, its tanh and the energy are not.
 
     `out`: value, energy, first derivatives by P, h and m, then those by PP, Ph, Pm, hh, hm, mm.
+    Returns the fold variable.
     """
     r = 1.0 + eta * eta
     rho = 4.0 * eta / r
@@ -124,7 +126,7 @@ def complementary(b, stress, eta, flux, out):
     c = 1.0 / (b * r * r)
     size = max(abs(stress), 1e-150)
     s = stress * stress * c
-    a = fold_of(abs(flux) / (size * size * c)) if flux != 0.0 else 0.0
+    a = fold_of(abs(flux) / (size * size * c), guess) if flux != 0.0 else 0.0
     g, d, e = cotangent_factor(a)
     decay = math.exp(-2.0 * a)
     t = (1.0 - decay) / (1.0 + decay)
@@ -147,6 +149,7 @@ def complementary(b, stress, eta, flux, out):
     out[8] = s * (rho * rho - drho) * ds + rho * rho * s * dss_s
     out[9] = -rho * dsm_s
     out[10] = 2.0 * g * g * sech2 * sech2 / (max(s, size * size * c) * bend)
+    return a
 
 
 @jit(error_model="numpy")
