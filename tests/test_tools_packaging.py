@@ -14,6 +14,7 @@ from importlib.metadata import metadata, packages_distributions
 
 import pytest
 import yaml
+from myst_nb.core.read import read_myst_markdown_notebook
 from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
@@ -232,6 +233,14 @@ def test_notebooks_are_kept_without_outputs(root):
             header = yaml.safe_load(text.split("---")[1])
             assert header["kernelspec"]["name"] == "python3", page.name
             assert header["jupytext"]["text_representation"]["format_name"] == "myst", page.name
+
+
+def test_every_cell_can_be_read(root):
+    """Options of cells are YAML, in which a caption with a colon needs quotes."""
+    for page in (root / "book").rglob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        if "{code-cell}" in text:
+            assert read_myst_markdown_notebook(text, path=page).cells, page.name
 
 
 def test_every_page_is_in_the_contents(root):
