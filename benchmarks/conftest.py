@@ -18,6 +18,9 @@ for.
 
 import pytest
 
+#: Runs in another Python, where its package is.
+collect_ignore = ["peer_dolfinx.py"]
+
 
 @pytest.fixture
 def measure(benchmark):

@@ -113,7 +113,7 @@ def test_strip_that_cannot_stretch(benchmark, measure, part, center, share):
     folds = sum(event.kind == "fold" for event in found[1].events)
     note = f"{sum(map(len, found))} equilibria, {folds} folds of the mesh"
     measure(f"Wunderlich, w/L = 1/{part}",
-            group="a sheared strip between clamps, 45 nodes: one diagram", note=note)  # fmt: skip
+            group="a sheared strip between clamps, 45 nodes: one diagram", within=0.5, note=note)  # fmt: skip
     arch, crossing = benchmark.pedantic(follow, rounds=5, warmup_rounds=1)
     assert arch.events[-1].kind == "bifurcation"
     assert crossing.finished
