@@ -18,9 +18,12 @@ def strip():
 
 
 def test_converges_with_the_order(strip):
-    fine = sheared_arch(WIDTH, shear=0.3, stages=5)
-    assert strip.energy == pytest.approx(fine.energy, rel=1e-7)
-    assert strip.force == pytest.approx(fine.force, rel=1e-5, abs=1e-6)
+    coarse, fine = (sheared_arch(WIDTH, shear=0.3, stages=n) for n in (3, 5))
+    energies = [abs(state.energy / fine.energy - 1) for state in (coarse, strip)]
+    forces = [np.max(np.abs(state.force - fine.force)) for state in (coarse, strip)]
+    assert energies[1] < 0.1 * energies[0] < 1e-6
+    assert forces[1] < 0.5 * forces[0] < 1e-4 * np.max(np.abs(fine.force))
+    # To move an inflection costs next to nothing: its place has fewer digits than the energy.
     assert strip.inflections == pytest.approx(fine.inflections, abs=1e-5)
 
 

@@ -362,14 +362,14 @@ def _arch(scheme, segments=60):
 
 
 @pytest.fixture(scope="module")
-def with_moments():
+def has_moments():
     flat = _arch("moments")
     found = ls.follow(lambda d: flat.clamped("end", (d, 0.0, 0.75)), 0.0, 0.1, eigenvalues=False)
     return found.equilibria[-1]
 
 
-def test_moments_are_in_balance_and_do_the_work(with_moments):
-    eq = with_moments
+def test_moments_are_in_balance_and_do_the_work(has_moments):
+    eq = has_moments
     assert eq.stable
     arms = eq.positions[eq.hinge_nodes]
     about = eq.moment_vectors + np.cross(arms, eq.forces[0])
@@ -380,23 +380,23 @@ def test_moments_are_in_balance_and_do_the_work(with_moments):
     assert spans @ eq.energy_per_length == pytest.approx(eq.energy, rel=1e-10)
 
 
-def test_force_is_the_slope_of_the_energy_with_moments(with_moments):
+def test_force_is_the_slope_of_the_energy_with_moments(has_moments):
     step = 1e-4
     flat = _arch("moments")
     up, down = (
-        ls.equilibrate(flat.clamped("end", (0.1 + s, 0.0, 0.75)), with_moments).energy
+        ls.equilibrate(flat.clamped("end", (0.1 + s, 0.0, 0.75)), has_moments).energy
         for s in (step, -step)
     )
-    assert with_moments.forces[-1][0] == pytest.approx((up - down) / (2 * step), rel=1e-5)
+    assert has_moments.forces[-1][0] == pytest.approx((up - down) / (2 * step), rel=1e-5)
 
 
-def test_strips_with_moments_have_the_limit_of_the_others(with_moments):
+def test_strips_with_moments_have_the_limit_of_the_others(has_moments):
     """Second order, from the other side."""
     flat = _arch("moments", 120)
-    start = flat.clamped("end", (0.1, 0.0, 0.75)).adapted(with_moments)
+    start = flat.clamped("end", (0.1, 0.0, 0.75)).adapted(has_moments)
     assert start.rulings.size == 4 * 120 + 1
     fine = ls.follow(lambda d: flat.clamped("end", (d, 0.0, 0.75)), 0.0, 0.1, eigenvalues=False)
-    energies = [with_moments.energy, fine.equilibria[-1].energy]
+    energies = [has_moments.energy, fine.equilibria[-1].energy]
     limit = energies[1] + (energies[1] - energies[0]) / 3
     others = [ls.equilibrate(_sheared("cells", n)).energy for n in (60, 120)]
     assert limit == pytest.approx(others[1] + (others[1] - others[0]) / 3, rel=3e-4)

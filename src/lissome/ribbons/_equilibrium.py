@@ -82,7 +82,7 @@ class RibbonEquilibrium(RodEquilibrium):
         values, rows, stress = np.empty(n), np.empty((n, 3)), np.empty((n, 3))
         folds = np.array(self.state.folds) if ribbon.law.has_fold else np.zeros(n)
         skeleton = ribbon.layout.skeleton
-        if ribbon.with_moments:
+        if ribbon.has_moments:
             m = ribbon.layout.plan.rows.shape[0]
             stress = np.array(self.multipliers[m : m + 3 * n].reshape(n, 3))
             # The energy is of second degree in the curvature: half of what the moments do.

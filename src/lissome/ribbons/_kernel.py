@@ -223,7 +223,11 @@ def add_rulings(
 
 @jit
 def evaluate_moments(kappa, multipliers, rows, stress, first, second, order):
-    """Write what hinges add whose moments are unknowns."""
+    """Write what hinges add whose moments are unknowns: work of the moments on the angles.
+
+    `kappa`, `multipliers` (n, 3): angles and moments. The first moment stands where the fold variable of
+    a hinge stands in the other schemes.
+    """
     first[:] = 0.0
     second[:] = 0.0
     for i in range(kappa.shape[0]):
@@ -232,7 +236,7 @@ def evaluate_moments(kappa, multipliers, rows, stress, first, second, order):
             if order >= 1:
                 stress[i, k] = multipliers[i, k]
         if order >= 2:
-            second[i, 1] = 1.0
+            second[i, 1] = 1.0  # of kappa_1 and its moment; the others are constraints as elsewhere
 
 
 @jit

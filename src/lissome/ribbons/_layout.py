@@ -276,7 +276,7 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
     metric = np.zeros(count)
     np.add.at(metric, where[:, 0], plan.span)
     if fine > 1:
-        metric = np.full(count, 0.0)
+        metric = np.zeros(count)
         pieces = np.repeat(ahead[:-1], fine) / fine
         metric[:-1] += 0.5 * pieces
         metric[1:] += 0.5 * pieces

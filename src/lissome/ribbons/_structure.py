@@ -197,7 +197,7 @@ class Ribbon(BaseStructure):
             )
         one_of("scheme", self.scheme, SCHEMES)
         one_of("joint", self.joint, JOINTS)
-        if self.with_moments:
+        if self.has_moments:
             self._check_moments()
         if self.rod.stretching is not None:
             raise InvalidInput("argument `rod` can stretch; a ribbon is inextensible")
@@ -266,7 +266,7 @@ class Ribbon(BaseStructure):
         for item in fields(self):
             object.__setattr__(new, item.name, changes.get(item.name, getattr(self, item.name)))
         new.__dict__["shared"] = self.shared
-        if new.with_moments:
+        if new.has_moments:
             new._check_moments()
         return new
 
@@ -491,12 +491,12 @@ class Ribbon(BaseStructure):
         return int(self.layout.skeleton.chain.constraints.size)
 
     @property
-    def with_moments(self) -> bool:
+    def has_moments(self) -> bool:
         """Whether bending moments are unknowns, and fold variables are not."""
         return self.law.has_fold and self.scheme == "moments"
 
     @property
-    def with_folds(self) -> bool:
+    def has_folds(self) -> bool:
         """Whether fold variables are unknowns."""
         return self.law.has_fold and self.scheme != "moments"
 
@@ -504,7 +504,7 @@ class Ribbon(BaseStructure):
     def constraint_names(self) -> tuple[str, ...]:
         """Names of the constraints."""
         names = ["kappa_2", "kappa_3", "fold"] if self.law.has_fold else ["kappa_2", "kappa_3"]
-        if self.with_moments:
+        if self.has_moments:
             names = ["kappa_1", "kappa_2", "kappa_3"]
             parts = range(self.layout.skeleton.fluxes.size)
             return (
@@ -542,7 +542,7 @@ class Ribbon(BaseStructure):
         _check_state("start", state, self.lengths.size)
         skeleton = self.layout.skeleton
         n = self.layout.nodes.size
-        folds = n if self.with_folds else 0
+        folds = n if self.has_folds else 0
         rod = self.rod.adopt(state)
         self._check_turns(rod)
         if not isinstance(state, RibbonState) or not state.rulings.size:
@@ -597,11 +597,11 @@ class Ribbon(BaseStructure):
             np.add.at(total, at[ok], share[ok] * eta[ok])
             np.add.at(weight, at[ok], np.abs(share[ok]))
         rulings = total / np.where(weight > 0.0, weight, 1.0)
-        if self.with_moments:
+        if self.has_moments:
             rulings = self._on_parts(rulings[:: skeleton.parts])
         rulings[skeleton.fixed] = skeleton.values
         folds = np.zeros(0)
-        if self.with_folds:
+        if self.has_folds:
             _, slope = self._rulings_at_hinges(rulings)
             folds = np.arctanh(np.clip(0.5 * self.law.width * slope, -0.95, 0.95))
         return _state(state, rulings, folds)
@@ -646,12 +646,12 @@ class Ribbon(BaseStructure):
         if free.size:
             normal = normal + 1e-12 * sparse.eye_array(free.size, format="csc")
             rulings[free] = spsolve(normal, matrix[:, free].T @ wanted)
-        if self.with_moments:
+        if self.has_moments:
             rulings = self._on_parts(eta)
             rulings[skeleton.fixed] = skeleton.values
         state = self.rod.adopt(rod)
         self._check_turns(state)
-        if not self.with_folds:
+        if not self.has_folds:
             fold = np.zeros(0)
         elif self.scheme == "cells":  # they are not at the hinges
             _, slopes = self._rulings_at_hinges(rulings)
@@ -673,7 +673,7 @@ class Ribbon(BaseStructure):
     def rulings(self, state: RibbonState) -> tuple[Array, Array]:
         """Return the ruling parameter in `state` and its derivative at the hinges, shapes (n,)."""
         eta, slope = self._rulings_at_hinges(state.rulings)
-        if self.with_moments:
+        if self.has_moments:
             skeleton = self.layout.skeleton
             slope = np.diff(state.rulings) / np.repeat(skeleton.ahead[:-1], skeleton.parts)
             slope *= skeleton.parts
@@ -711,7 +711,7 @@ class Ribbon(BaseStructure):
     def max_step(self, state: RibbonState, dx: Array) -> float:
         """Return the fraction of `dx` at which no hinge turns past pi and no fold changes by much."""
         step = self.rod.max_step(state, dx[: self.layout.skeleton.rod_size])
-        if self.with_folds:
+        if self.has_folds:
             largest = float(np.max(np.abs(dx[-state.folds.size :])))
             step = min(step, LONGEST / max(largest, LONGEST))
         return step
@@ -751,7 +751,7 @@ class Ribbon(BaseStructure):
         """Return the hinges' part of `multipliers`, shape (n, 3): of kappa_2, kappa_3 and the fold."""
         n = self.layout.nodes.size
         inner = np.asarray(multipliers, dtype=float)[self.layout.plan.rows.shape[0] :]
-        if self.with_moments:
+        if self.has_moments:
             parts = self.layout.skeleton.parts
             flux = np.append(inner[3 * n :].reshape(n - 1, parts).mean(axis=1), 0.0)
             return np.column_stack([inner[: 3 * n].reshape(n, 3)[:, 1:], flux])
@@ -771,7 +771,7 @@ class Ribbon(BaseStructure):
         rod_kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
         eta, slope = self._rulings_at_hinges(state.rulings)
         inner = self.hinge_multipliers(multipliers)
-        if self.with_moments:
+        if self.has_moments:
             return self._evaluate_moments(state, multipliers, order, frames, q, kappa, eta, slope)
         folds = np.array(state.folds) if self.law.has_fold else np.zeros(n)
         first, second = order >= 1, order >= 2
