@@ -8,7 +8,7 @@ M the internal moment and N the internal force. Twice the second variation of en
    - (N\cdot\theta)(\theta\cdot t) + (N\cdot t)\,|\theta|^2\right] ds,
    \qquad \oint \theta\times t\; ds = 0 .
 
-**Ring** (Michell 1889, Zajac 1962). A k-fold circle of length :math:`2\pi` with the twist
+**Ring** (Michell's instability). A k-fold circle of length :math:`2\pi` with the twist
 :math:`\tau` carries :math:`M = kB\,b + C\tau\,t` and :math:`N = kC\tau\,b`, b its binormal. With
 :math:`\theta = a\cos ns\; n + f\sin ns\; b + e\sin ns\; t` the form is, per half length,
 
@@ -17,7 +17,7 @@ M the internal moment and N the internal force. Twice the second variation of en
 which is indefinite beyond :math:`C\tau = B\sqrt{n^2 - k^2}`. For n < k it always is: only the
 single circle is stable, up to the total twist :math:`2\pi\sqrt3\,B/C` (n = 2).
 
-**Straight rod** (Greenhill 1883). With :math:`w = y + iz` the small deflection,
+**Straight rod** (Greenhill's condition). With :math:`w = y + iz` the small deflection,
 :math:`B w'''' - iM w''' + P w'' = 0` in the torque M and the thrust P; the solutions
 :math:`e^{iqs}` have :math:`q = a \pm \sqrt{a^2 + P/B}`, :math:`a = M/2B`.
 """

@@ -372,7 +372,7 @@ def ring(
     turns : float
         Turns of twist about d3 between the two ends that are joined, spread evenly; 0.5 is the
         Möbius band. Natural twist is zero, natural curvature by default that of the circle, about the
-        material director `about`, which turns with the twist; the twisted ring of Michell and Zajac
+        material director `about`, which turns with the twist; the twisted ring of Michell
         is straight at rest: ``natural_curvature=0``.
     about : {1, 2}
         The director that the rod bends about. At the start it is the normal of the plane.
