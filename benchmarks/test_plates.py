@@ -24,7 +24,7 @@ from lissome.references.linear_plate import clamped_square
 from lissome.references.plate import AxisymmetricDisc, fold
 
 NU = 0.5
-DOME = AxisymmetricDisc(bending=1e-4, poisson=NU, radius=0.5, strain=(0.01, -0.02))
+DOME = AxisymmetricDisc(bending=1e-4, poisson_ratio=NU, radius=0.5, strain=(0.01, -0.02))
 NONE = np.zeros(0)
 
 
@@ -47,7 +47,7 @@ STRAIN = hoops(0.01, -0.02)
 def plate(divisions, degree=2, mesh=meshes.disc, grading=1.5):
     return Plate(
         mesh=mesh(0.5 if mesh is meshes.disc else 1.0, divisions=divisions, grading=grading),
-        bending=1e-4, poisson=NU, strain=STRAIN, degree=degree,
+        bending=1e-4, poisson_ratio=NU, strain=STRAIN, degree=degree,
     )  # fmt: skip
 
 
@@ -110,7 +110,7 @@ def test_compiled_assembly(benchmark, measure):
     force, data = np.zeros(space.size), np.zeros(len(space.pattern[1]))
     arguments = (
         2, space.local, space.pattern[2], m["gradients"], m["gradients"], m["weights"],
-        m["stretching"], m["poisson"], square._strain, x, force, data,
+        m["stretching"], m["poisson_ratio"], square._strain, x, force, data,
     )  # fmt: skip
     benchmark.pedantic(membrane, args=arguments, rounds=10, warmup_rounds=1)
 
@@ -145,7 +145,7 @@ def solved(benchmark, structure, tolerance, rounds, warmup=True):
 def test_dome_by_the_mixed_scheme(benchmark, measure, tolerance):
     divisions, orders = MIXED[tolerance]
     structure = MixedPlate(
-        mesh=meshes.disc(0.5, divisions), bending=1e-4, poisson=NU, strain=STRAIN, penalty=1.0,
+        mesh=meshes.disc(0.5, divisions), bending=1e-4, poisson_ratio=NU, strain=STRAIN, penalty=1.0,
         orders=orders,
     )  # fmt: skip
     note = f"degrees {orders}, {structure.size} unknowns, {structure.constraints_count} multipliers"
@@ -210,7 +210,7 @@ def test_linear_plate(benchmark, measure):
 
     def run():
         clamped = Plate(
-            mesh=mesh, bending=1 - 0.3**2, poisson=0.3, edges="clamped", pressure=load, degree=3
+            mesh=mesh, bending=1 - 0.3**2, poisson_ratio=0.3, edges="clamped", pressure=load, degree=3
         )  # fmt: skip
         return ls.equilibrate(clamped)
 

@@ -33,18 +33,23 @@ def cone(height):
 
 
 def dome(divisions=4, degree=2, **changes):
-    arguments = {"bending": 1e-4, "poisson": 0.5, "strain": hoops(0.01, -0.02), "degree": degree}
+    arguments = {
+        "bending": 1e-4,
+        "poisson_ratio": 0.5,
+        "strain": hoops(0.01, -0.02),
+        "degree": degree,
+    }
     return Plate(mesh=meshes.disc(0.5, divisions), **{**arguments, **changes})
 
 
-DOME = AxisymmetricDisc(bending=1e-4, poisson=0.5, radius=0.5, strain=(0.01, -0.02))
+DOME = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5, radius=0.5, strain=(0.01, -0.02))
 
 
 def general(degree, mesh=None):
     """A plate with nothing uniform, partly held, in a state far from balance."""
     plate = Plate(
         mesh=meshes.rectangle(1.3, 0.9, 2, center=(0.1, 0.05)) if mesh is None else mesh,
-        bending=lambda x, y: 1e-3 * (1.5 + np.sin(3 * x)), poisson=lambda x, y: 0.3 + 0.1 * y,
+        bending=lambda x, y: 1e-3 * (1.5 + np.sin(3 * x)), poisson_ratio=lambda x, y: 0.3 + 0.1 * y,
         stretching=lambda x, y: 1 + 0.2 * x, strain=lambda x, y: np.array([[x, y], [y, 0.1 + x * y]]),
         curvature=[[0.3, 0.1], [0.1, -0.2]], pressure=lambda x, y: 1e-3 * x,
         edges={lambda x, y: x < -0.6: "clamped", lambda x, y: y > 0.4: ("deflection",)},
@@ -77,7 +82,7 @@ def test_derivatives_are_those_of_the_energy(degree):
 @pytest.mark.parametrize("degree", [2, 3])
 def test_rigid_motions_change_nothing(mesh, degree):
     plate = Plate(
-        mesh=mesh, bending=1e-3, poisson=0.3, strain=[[0.1, 0.02], [0.02, 0.0]],
+        mesh=mesh, bending=1e-3, poisson_ratio=0.3, strain=[[0.1, 0.02], [0.02, 0.0]],
         curvature=[[0.5, 0.0], [0.0, -0.3]], degree=degree,
     )  # fmt: skip
     rng = np.random.default_rng(1)
@@ -107,7 +112,7 @@ def test_rigid_motions_change_nothing(mesh, degree):
      ({lambda x, y: y < -0.49: "simply supported"}, 4)],
 )  # fmt: skip
 def test_gauge_is_what_the_supports_allow(edges, expected):
-    plate = Plate(mesh=meshes.rectangle(divisions=2), bending=1e-3, poisson=0.3, edges=edges)
+    plate = Plate(mesh=meshes.rectangle(divisions=2), bending=1e-3, poisson_ratio=0.3, edges=edges)
     assert len(plate.gauge(plate.start())) == expected
     # Nothing else is soft: the flat plate has the inertia of a minimum.
     assert ls.equilibrate(plate).inertia == (plate.size, expected, 0)
@@ -132,7 +137,7 @@ def test_linear_squares(edges, series, degree, least):
     errors = []
     for refinement in (1, 2, 3) if degree == 2 else (0, 1, 2):
         plate = Plate(
-            mesh=skfem.MeshTri.init_sqsymmetric().refined(refinement), bending=1.0, poisson=0.3,
+            mesh=skfem.MeshTri.init_sqsymmetric().refined(refinement), bending=1.0, poisson_ratio=0.3,
             edges=edges, pressure=1e-4, degree=degree,
         )  # fmt: skip
         w = plate.deflection_at([0.5, 0.5], ls.equilibrate(plate).state)
@@ -173,7 +178,7 @@ def test_manufactured_solution(degree):
         mesh = skfem.MeshTri.init_sqsymmetric().refined(refinement)
         mesh = skfem.MeshTri(2 * mesh.p - 1, mesh.t)
         plate = Plate(
-            mesh=mesh, bending=float(bending), poisson=float(nu), strain=tensor(strain - elastic),
+            mesh=mesh, bending=float(bending), poisson_ratio=float(nu), strain=tensor(strain - elastic),
             curvature=tensor(natural), pressure=sp.lambdify((x, y), twice - pull), edges="clamped",
             degree=degree,
         )  # fmt: skip
@@ -203,7 +208,7 @@ def test_dome_converges_to_collocation(degree):
 
 def test_dome_energy_is_exact_to_one_in_a_million_on_a_fine_graded_mesh():
     plate = Plate(
-        mesh=meshes.disc(0.5, 8, grading=2.2), bending=1e-4, poisson=0.5, strain=hoops(0.01, -0.02),
+        mesh=meshes.disc(0.5, 8, grading=2.2), bending=1e-4, poisson_ratio=0.5, strain=hoops(0.01, -0.02),
         degree=3,
     )  # fmt: skip
     found = ls.equilibrate(plate, plate.interpolate(cone(0.1)))
@@ -216,11 +221,13 @@ def test_dome_energy_is_exact_to_one_in_a_million_on_a_fine_graded_mesh():
 )
 def test_loaded_disc_with_large_deflection(edge, order):
     """Nearly of fourth order on curved triangles, also where the rim is simply supported."""
-    exact = AxisymmetricDisc(bending=1e-4, poisson=0.3, edge=edge, pressure=2e-3).solve(height=0.1)
+    exact = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.3, edge=edge, pressure=2e-3).solve(
+        height=0.1
+    )
     errors = []
     for divisions in (6, 12):
         mesh = meshes.disc(1.0, divisions, grading=1.0)
-        plate = Plate(mesh=mesh, bending=1e-4, poisson=0.3, edges=edge, pressure=2e-3)
+        plate = Plate(mesh=mesh, bending=1e-4, poisson_ratio=0.3, edges=edge, pressure=2e-3)
         found = ls.equilibrate(plate)
         errors.append((found.deflection[0] / exact.height - 1, found.energy / exact.energy - 1))
         assert sum(plate.energies(found.state)) == pytest.approx(found.energy, rel=1e-12)
@@ -231,7 +238,7 @@ def test_loaded_disc_with_large_deflection(edge, order):
 
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.5])
 def test_flat_defect_disc_buckles_where_collocation_says(nu):
-    plate = Plate(mesh=meshes.disc(1.0, 5), bending=4e-4, poisson=nu)
+    plate = Plate(mesh=meshes.disc(1.0, 5), bending=4e-4, poisson_ratio=nu)
 
     def lowest(strain):
         loaded = plate.with_(strain=hoops(strain, 0.0))
@@ -255,7 +262,7 @@ def test_clamped_square_buckles_under_its_own_expansion(degree):
     """52.3447 D/L^2 (to 1e-5 by high-order Ritz methods); the stress is uniform."""
     nu, bending = 0.3, 1e-4
     mesh = skfem.MeshTri().refined(3)  # one diagonal: the mixed scheme has a spurious state here
-    plate = Plate(mesh=mesh, bending=bending, poisson=nu, edges="clamped", degree=degree)
+    plate = Plate(mesh=mesh, bending=bending, poisson_ratio=nu, edges="clamped", degree=degree)
     exact = 52.3447 * bending / (1 - nu**2) * (1 - nu)  # N = -C strain/(1 - nu)
     for factor, index in ((0.99, 0), (1.02 if degree == 2 else 1.001, 1)):
         flat = ls.equilibrate(plate.with_(strain=factor * exact * np.eye(2)), require="any")
@@ -264,12 +271,12 @@ def test_clamped_square_buckles_under_its_own_expansion(degree):
 
 def test_bilayer_disc_loses_its_roundness_where_collocation_says():
     nu = 0.3
-    disc = AxisymmetricDisc(bending=1e-4, poisson=nu)
+    disc = AxisymmetricDisc(bending=1e-4, poisson_ratio=nu)
     unit = np.sqrt(12e-4)
-    plate = Plate(mesh=meshes.disc(1.0, 5, grading=1.0), bending=1e-4, poisson=nu)
+    plate = Plate(mesh=meshes.disc(1.0, 5, grading=1.0), bending=1e-4, poisson_ratio=nu)
 
     def softest(k):
-        shape = AxisymmetricDisc(bending=1e-4, poisson=nu, curvature=(k, k))
+        shape = AxisymmetricDisc(bending=1e-4, poisson_ratio=nu, curvature=(k, k))
         return shape.solve(height=-0.02).softest(2)
 
     exact = brentq(softest, 3 * unit, 8 * unit, xtol=1e-8)
@@ -327,7 +334,7 @@ def test_orientation_of_the_mesh_does_not_matter():
             a, b = rotation.T @ np.array([x.ravel(), y.ravel()])
             return (0.1 * np.cos(2 * (a - 0.1)) * np.cos(2 * b)).reshape(x.shape)
 
-        plate = Plate(mesh=mesh, bending=1e-4, poisson=0.4, strain=strain)
+        plate = Plate(mesh=mesh, bending=1e-4, poisson_ratio=0.4, strain=strain)
         energies.append(ls.equilibrate(plate, plate.interpolate(hill)).energy)
     assert energies[1:] == pytest.approx(energies[:1] * 2, rel=1e-8)
 
@@ -356,7 +363,10 @@ def test_scaling_law_holds_to_rounding():
 
 def test_curvature_of_a_bowl_is_what_it_wants_to_be():
     plate = Plate(
-        mesh=meshes.rectangle(divisions=2), bending=1.0, poisson=0.2, curvature=1e-6 * np.eye(2)
+        mesh=meshes.rectangle(divisions=2),
+        bending=1.0,
+        poisson_ratio=0.2,
+        curvature=1e-6 * np.eye(2),
     )
     found = ls.equilibrate(plate)
     # Open towards positive w: the rim is above the center.
@@ -384,8 +394,8 @@ def test_with_changes_only_what_is_asked():
         ("bending", 0.0, "bending"),
         ("bending", lambda x, y: x, "bending"),
         ("stretching", -1.0, "stretching"),
-        ("poisson", 0.51, "poisson"),
-        ("poisson", -1.0, "poisson"),
+        ("poisson_ratio", 0.51, "poisson_ratio"),
+        ("poisson_ratio", -1.0, "poisson_ratio"),
         ("strain", [1.0, 2.0], "strain"),
         ("strain", [[0.0, 1.0], [0.0, 0.0]], "symmetric"),
         ("strain", lambda x, y: np.full((2, 2, *x.shape), np.nan), "not finite"),
@@ -404,7 +414,7 @@ def test_bad_input_is_refused(name, value, words):
     arguments = {
         "mesh": meshes.rectangle(divisions=1),
         "bending": 1e-3,
-        "poisson": 0.3,
+        "poisson_ratio": 0.3,
         name: value,
     }
     with pytest.raises(InvalidInput, match=words):
@@ -430,7 +440,7 @@ def test_bad_meshes_are_refused():
     ):  # fmt: skip
         for scheme in (Plate, MixedPlate):
             with pytest.raises(InvalidInput, match=words):
-                scheme(mesh=mesh, bending=1e-3, poisson=0.3)
+                scheme(mesh=mesh, bending=1e-3, poisson_ratio=0.3)
 
 
 def test_states_of_other_meshes_are_refused():
@@ -458,7 +468,7 @@ def test_states_of_other_meshes_are_refused():
 @pytest.mark.filterwarnings("ignore:divide by zero")
 def test_starts_that_are_no_shapes_are_refused(functions, words):
     for scheme in (Plate, MixedPlate):
-        plate = scheme(mesh=meshes.disc(0.5, 1), bending=1e-3, poisson=0.3)
+        plate = scheme(mesh=meshes.disc(0.5, 1), bending=1e-3, poisson_ratio=0.3)
         with pytest.raises(InvalidInput, match=words):
             plate.interpolate(*functions)
 
@@ -467,7 +477,9 @@ def test_membrane_blocks_are_those_of_generic_forms():
     """The compiled assembly against scikit-fem's forms of the same second variation."""
     nu = 0.4
     mesh = meshes.rectangle(1.0, 0.8, 3, center=(0.1, 0.0))
-    plate = Plate(mesh=mesh, bending=1e-20, poisson=nu, strain=[[0.01, 0.005], [0.005, -0.02]])
+    plate = Plate(
+        mesh=mesh, bending=1e-20, poisson_ratio=nu, strain=[[0.01, 0.005], [0.005, -0.02]]
+    )
     state = plate.interpolate(
         lambda x, y: 0.1 * np.cos(2 * x) * np.cos(y),
         lambda x, y: 0.02 * np.stack([x * y, x - y * y], axis=-1),
@@ -534,7 +546,7 @@ def test_even_tension_stretches_evenly(degree):
     mesh = meshes.rectangle(2.0, 1.0, 3, center=(0.3, 0.1))
     pull = 1e-3
     plate = Plate(
-        mesh=mesh, bending=1e-2, poisson=0.3, stretching=2.0, degree=degree,
+        mesh=mesh, bending=1e-2, poisson_ratio=0.3, stretching=2.0, degree=degree,
         traction={"left": (-pull, 0.0), "right": lambda x, y: np.array([pull + 0 * x, 0 * y])},
     )  # fmt: skip
     u = ls.equilibrate(plate).displacement
@@ -548,7 +560,7 @@ def test_even_tension_stretches_evenly(degree):
 def test_a_hanging_sheet_stretches_as_a_rod():
     mesh = meshes.rectangle(divisions=2)
     plate = Plate(
-        mesh=mesh, bending=1e-2, poisson=0.0, stretching=2.0, body_force=(0.0, -1e-3),
+        mesh=mesh, bending=1e-2, poisson_ratio=0.0, stretching=2.0, body_force=(0.0, -1e-3),
         edges={"top": ("displacement", "deflection", "slope")},
     )  # fmt: skip
     found = ls.equilibrate(plate)
@@ -561,7 +573,7 @@ def test_tension_stiffens_a_strip_against_a_load():
     """Supported on two sides, nu = 0: the deflection of a tie rod."""
     b, q, tension = 1e-3, 1e-7, 0.05
     plate = Plate(
-        mesh=meshes.rectangle(divisions=5, grading=1.0), bending=b, poisson=0.0, degree=3, pressure=q,
+        mesh=meshes.rectangle(divisions=5, grading=1.0), bending=b, poisson_ratio=0.0, degree=3, pressure=q,
         edges={"left": ("displacement", "deflection"), "right": ("deflection",)},
         traction={"right": (tension, 0.0)},
     )  # fmt: skip
@@ -575,13 +587,13 @@ def test_bad_plane_loads_are_refused():
     mesh = meshes.rectangle(divisions=2)
     for loads in ({"body_force": (1.0, 0.0)}, {"traction": {"right": (1.0, 0.0)}}):
         with pytest.raises(InvalidInput, match="does not balance"):
-            Plate(mesh=mesh, bending=1.0, poisson=0.3, **loads)
+            Plate(mesh=mesh, bending=1.0, poisson_ratio=0.3, **loads)
     with pytest.raises(InvalidInput, match="a mapping"):
-        Plate(mesh=mesh, bending=1.0, poisson=0.3, traction=(1.0, 0.0))
+        Plate(mesh=mesh, bending=1.0, poisson_ratio=0.3, traction=(1.0, 0.0))
     with pytest.raises(InvalidInput, match="`traction`"):
-        Plate(mesh=mesh, bending=1.0, poisson=0.3, traction={"right": (np.nan, 0.0)})
+        Plate(mesh=mesh, bending=1.0, poisson_ratio=0.3, traction={"right": (np.nan, 0.0)})
     with pytest.raises(InvalidInput, match="`body_force`"):
-        Plate(mesh=mesh, bending=1.0, poisson=0.3, body_force=1.0)
+        Plate(mesh=mesh, bending=1.0, poisson_ratio=0.3, body_force=1.0)
 
 
 @pytest.mark.parametrize(("divisions", "tolerance"), [(3, 1e-2), (4, 1e-3)])

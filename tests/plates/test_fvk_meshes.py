@@ -15,7 +15,7 @@ from lissome.plates.fvk import Plate
 @pytest.mark.parametrize("grading", [1.0, 2.0])
 def test_rectangle_has_its_area_and_its_point(center, grading):
     mesh = meshes.rectangle(1.2, 0.8, 4, center=center, grading=grading)
-    plate = Plate(mesh=mesh, bending=1.0, poisson=0.3)
+    plate = Plate(mesh=mesh, bending=1.0, poisson_ratio=0.3)
     assert plate.space.area == pytest.approx(0.96, rel=1e-12)
     assert np.min(np.hypot(*(mesh.p - np.array(center)[:, None]))) < 1e-15
     assert sum(len(part) for part in mesh.boundaries.values()) == len(mesh.boundary_facets())
@@ -32,7 +32,9 @@ def test_square_mesh_has_the_symmetry_of_the_square():
 def test_disc_area_is_of_fourth_order(center):
     errors = [
         abs(
-            Plate(mesh=meshes.disc(0.5, n, center=center), bending=1.0, poisson=0.3).space.area
+            Plate(
+                mesh=meshes.disc(0.5, n, center=center), bending=1.0, poisson_ratio=0.3
+            ).space.area
             / (np.pi / 4)
             - 1
         )
@@ -53,7 +55,7 @@ def test_files_give_the_mesh_back(tmp_path, kind):
         cells = [("triangle6", nodes)]
     points = np.column_stack([mesh.doflocs.T, np.zeros(mesh.doflocs.shape[1])])
     meshio.Mesh(points, cells).write(path)
-    plates = [Plate(mesh=m, bending=1e-3, poisson=0.3, edges="clamped", pressure=1e-3)
+    plates = [Plate(mesh=m, bending=1e-3, poisson_ratio=0.3, edges="clamped", pressure=1e-3)
               for m in (mesh, meshes.from_file(path))]  # fmt: skip
     energies = [ls.equilibrate(plate).energy for plate in plates]
     assert energies[1] == pytest.approx(energies[0], rel=1e-10)
@@ -78,7 +80,7 @@ def test_named_lines_of_a_file_become_boundaries(tmp_path, curved):
     read = meshes.from_file(path)
     assert sorted(read.boundaries) == ["clamp", "others"]
     plates = [
-        Plate(mesh=m, bending=1e-3, poisson=0.3, edges={part: "clamped"}, pressure=1e-6)
+        Plate(mesh=m, bending=1e-3, poisson_ratio=0.3, edges={part: "clamped"}, pressure=1e-6)
         for m, part in ((mesh, lambda x, y: x > least), (read, "clamp"))
     ]
     expected = set(map(tuple, np.round(mesh.p[:, mesh.facets[:, right]].mean(axis=1).T, 12)))
@@ -129,7 +131,7 @@ def test_a_slit_opens_the_mesh_and_relaxes_a_defect():
         return 1e-5 * out
 
     energies = [
-        ls.equilibrate(Plate(mesh=m, bending=1e-2, poisson=0.3, strain=strain)).energy
+        ls.equilibrate(Plate(mesh=m, bending=1e-2, poisson_ratio=0.3, strain=strain)).energy
         for m in (whole, cut)
     ]
     assert 0 < energies[1] < 0.9 * energies[0]

@@ -10,7 +10,7 @@ from lissome.plates import meshes
 from lissome.plates.fvk import MixedPlate, Plate, PlateState, projected_bending
 from lissome.references.plate import AxisymmetricDisc
 
-DOME = AxisymmetricDisc(bending=1e-4, poisson=0.5, radius=0.5, strain=(0.01, -0.02))
+DOME = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5, radius=0.5, strain=(0.01, -0.02))
 
 
 def hoops(x, y):
@@ -20,7 +20,7 @@ def hoops(x, y):
 
 
 def dome(divisions, **changes):
-    arguments = {"bending": 1e-4, "poisson": 0.5, "strain": hoops}
+    arguments = {"bending": 1e-4, "poisson_ratio": 0.5, "strain": hoops}
     plate = MixedPlate(mesh=meshes.disc(0.5, divisions), **{**arguments, **changes})
     return plate, plate.interpolate(lambda x, y: 0.1 * (1 - 2 * np.hypot(x, y)))
 
@@ -30,7 +30,7 @@ def dome(divisions, **changes):
 def test_derivatives_are_those_of_the_lagrangian(form, orders):
     plate = MixedPlate(
         mesh=meshes.rectangle(1.3, 0.9, 2, center=(0.1, 0.05)), form=form, orders=orders,
-        bending=lambda x, y: 1e-3 * (1.5 + np.sin(3 * x)), poisson=lambda x, y: 0.3 + 0.1 * y,
+        bending=lambda x, y: 1e-3 * (1.5 + np.sin(3 * x)), poisson_ratio=lambda x, y: 0.3 + 0.1 * y,
         stretching=lambda x, y: 1 + 0.2 * x, strain=lambda x, y: np.array([[x, y], [y, 0.1 + x * y]]),
         curvature=[[0.3, 0.1], [0.1, -0.2]], pressure=lambda x, y: 1e-3 * x,
         edges={lambda x, y: x < -0.6: "clamped", lambda x, y: y > 0.4: ("deflection",)},
@@ -63,7 +63,7 @@ def test_derivatives_are_those_of_the_lagrangian(form, orders):
      ("literal", meshes.disc(0.5, 3), 4)],
 )  # fmt: skip
 def test_rigid_motions(form, mesh, exact):
-    plate = MixedPlate(mesh=mesh, bending=1e-4, poisson=0.5, strain=hoops, form=form)
+    plate = MixedPlate(mesh=mesh, bending=1e-4, poisson_ratio=0.5, strain=hoops, form=form)
     state = plate.interpolate(lambda x, y: 0.1 * (1 - 2 * np.hypot(x, y)))
     state = PlateState(state.x + 0.01 * np.random.default_rng(2).standard_normal(state.x.size))
     gauge = plate.gauge(state)
@@ -106,7 +106,7 @@ def test_literal_form_has_spurious_equilibria(penalty):
 def test_a_deflection_that_projected_slopes_do_not_see():
     """On a mesh of one diagonal the clamped plate has a checkerboard that costs no bending."""
     mesh = skfem.MeshTri().refined(3)
-    plate = MixedPlate(mesh=mesh, bending=1.0, poisson=0.3, edges="clamped")
+    plate = MixedPlate(mesh=mesh, bending=1.0, poisson_ratio=0.3, edges="clamped")
     values, modes = projected_bending(plate, 2)
     assert abs(values[0]) < 1e-9
     assert values[1] > 1.0
@@ -120,7 +120,7 @@ def test_free_plates_have_no_such_deflection_but_too_many_soft_ones():
     counts = []
     for orders in ((2, 1), (2, 2)):
         mesh = skfem.MeshTri.init_sqsymmetric().refined(2)
-        plate = MixedPlate(mesh=mesh, bending=1.0, poisson=0.3, orders=orders)
+        plate = MixedPlate(mesh=mesh, bending=1.0, poisson_ratio=0.3, orders=orders)
         values, _ = projected_bending(plate, 80)
         assert np.max(np.abs(values[:2])) < 1e-9  # two tilts
         assert values[2] == pytest.approx(8.02, abs=0.03)
@@ -155,7 +155,7 @@ def test_bad_input_is_refused(name, value, words):
     arguments = {
         "mesh": meshes.rectangle(divisions=1),
         "bending": 1e-3,
-        "poisson": 0.3,
+        "poisson_ratio": 0.3,
         name: value,
     }
     with pytest.raises(InvalidInput, match=words):
@@ -169,7 +169,7 @@ def test_literal_form_takes_any_positive_penalty():
 def loaded(scheme, mesh, **changes):
     """A square under loads in and across its plane, nothing uniform, in a state with large slopes."""
     return scheme(
-        mesh=mesh, bending=lambda x, y: 1e-3 * (1.5 + x), poisson=0.3,
+        mesh=mesh, bending=lambda x, y: 1e-3 * (1.5 + x), poisson_ratio=0.3,
         stretching=lambda x, y: 1 + 0.5 * y, strain=[[0.02, 0.01], [0.01, -0.03]],
         curvature=[[0.1, 0.05], [0.05, -0.2]], pressure=lambda x, y: 2e-3 * (1 + x),
         body_force=lambda x, y: 0.02 * np.stack([1 + 0 * x, x]),
@@ -215,7 +215,7 @@ def test_even_tension_stretches_evenly(orders):
     """The patch test of loads on free edges: T/C along, -nu T/C across; a tilt is about the pull."""
     mesh = meshes.rectangle(2.0, 1.0, 2, center=(0.3, 0.1))
     plate = MixedPlate(
-        mesh=mesh, bending=1e-2, poisson=0.3, stretching=2.0, orders=orders,
+        mesh=mesh, bending=1e-2, poisson_ratio=0.3, stretching=2.0, orders=orders,
         traction={"left": (-1e-3, 0.0), "right": (1e-3, 0.0)},
     )  # fmt: skip
     found = ls.equilibrate(plate)

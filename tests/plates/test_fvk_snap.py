@@ -13,7 +13,7 @@ from lissome.plates.fvk import Plate
 from lissome.plates.snap import critical_curvature, dome, inversion, sheet
 from lissome.references.plate import AxisymmetricDisc, fold
 
-DOME = AxisymmetricDisc(bending=1e-4, poisson=0.5, radius=0.5, strain=(0.01, -0.02))
+DOME = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5, radius=0.5, strain=(0.01, -0.02))
 
 
 def hoops(radial, azimuthal):
@@ -28,7 +28,7 @@ def hoops(radial, azimuthal):
 def disc(thickness=0.01, **changes):
     scale = (thickness / 0.01) ** 2
     arguments = {
-        "bending": thickness**2, "poisson": 0.5, "strain": hoops(0.01 * scale, -0.02 * scale),
+        "bending": thickness**2, "poisson_ratio": 0.5, "strain": hoops(0.01 * scale, -0.02 * scale),
         "degree": 3,
     }  # fmt: skip
     return Plate(mesh=meshes.disc(0.5, 2), **{**arguments, **changes})

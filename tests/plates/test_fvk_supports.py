@@ -24,7 +24,7 @@ def test_a_linear_displacement_of_the_edges_strains_evenly(scheme, more):
     """A patch test: any uniform gradient, small or large, on uneven triangles."""
     mesh = uneven()
     plate = scheme(
-        mesh=mesh, bending=1e-2, poisson=0.3, stretching=2.0, **more,
+        mesh=mesh, bending=1e-2, poisson_ratio=0.3, stretching=2.0, **more,
         edges={"displacement": lambda x, y: np.einsum("ij,j...->i...", GRADIENT, np.stack([x, y]))},
         points={(0.2, 0.1): "deflection"},
     )  # fmt: skip
@@ -42,7 +42,7 @@ def test_a_linear_displacement_of_the_edges_strains_evenly(scheme, more):
 def test_a_roller_lets_the_sheet_contract_across(scheme, more):
     """Pulled by 1 % between rollers: strains 0.01 and -nu 0.01, energy C e^2/2 without (1 - nu^2)."""
     plate = scheme(
-        mesh=uneven(), bending=1e-2, poisson=0.3, stretching=2.0, **more,
+        mesh=uneven(), bending=1e-2, poisson_ratio=0.3, stretching=2.0, **more,
         edges={"left": {"displacement_x": 0.0, "deflection": 0.0}, "right": {"displacement_x": 0.02}},
         points={(0.2, 0.1): {"displacement_y": 0.001}},
     )  # fmt: skip
@@ -70,7 +70,7 @@ def test_tilted_clamps_cost_nothing(scheme, more):
     b = np.array([0.3, -0.2])
     mesh = uneven()
     plate = scheme(
-        mesh=mesh, bending=1e-2, poisson=0.3, edges={"all": tilted(b)}, **more
+        mesh=mesh, bending=1e-2, poisson_ratio=0.3, edges={"all": tilted(b)}, **more
     )  # fmt: skip
     found = ls.equilibrate(plate)
     assert abs(found.energy) < 1e-11 * 1e-2 * (b @ b)  # rounding of the sum of terms B/h^2 w^2
@@ -85,7 +85,7 @@ def test_tilted_clamps_cost_nothing_on_curved_edges(degree):
     b = np.array([0.3, -0.2])
     mesh = meshes.disc(0.5, 2)
     plate = Plate(
-        mesh=mesh, bending=1e-2, poisson=0.3, edges={"all": tilted(b)}, degree=degree
+        mesh=mesh, bending=1e-2, poisson_ratio=0.3, edges={"all": tilted(b)}, degree=degree
     )  # fmt: skip
     assert abs(ls.equilibrate(plate).energy) < 1e-11 * 1e-2 * (b @ b)
 
@@ -111,7 +111,7 @@ def test_a_lifted_edge_of_a_simply_supported_square(scheme, more):
     for refinement in (1, 2, 3) if more in ({"degree": 2}, {"orders": (2, 1)}) else (0, 1, 2):
         mesh = skfem.MeshTri.init_sqsymmetric().refined(refinement)
         plate = scheme(
-            mesh=mesh, bending=1.0, poisson=nu, **more,
+            mesh=mesh, bending=1.0, poisson_ratio=nu, **more,
             edges={lambda x, y: y < 1: {"deflection": 0.0},
                    lambda x, y: y > 1 - 1e-9: {"deflection": lambda x, y: 1e-5 * np.sin(k * x)}},
             points={(0.0, 0.0): "displacement", (1.0, 0.0): "displacement_y"},
@@ -133,7 +133,7 @@ def test_turned_clamps_bend_a_strip_into_a_circle(scheme, more):
     """nu = 0: the slope of one end is prescribed, and w and u follow a parabola exactly."""
     turn = 1e-6
     plate = scheme(
-        mesh=uneven(), bending=1.0, poisson=0.0, **more,
+        mesh=uneven(), bending=1.0, poisson_ratio=0.0, **more,
         edges={"left": {"deflection": 0.0, "slope": 0.0, "displacement": (0.0, 0.0)},
                "right": {"deflection": turn * 2.0 / 2, "slope": turn}},
     )  # fmt: skip
@@ -150,7 +150,7 @@ def test_turned_clamps_bend_a_strip_into_a_circle(scheme, more):
 @pytest.mark.parametrize(("scheme", "more"), SHORT)
 def test_derivatives_with_moved_supports_are_those_of_the_lagrangian(scheme, more):
     plate = scheme(
-        mesh=uneven(), bending=1e-3, poisson=0.3, **more,
+        mesh=uneven(), bending=1e-3, poisson_ratio=0.3, **more,
         edges={"left": {"deflection": 0.1, "slope": 0.2, "displacement": (0.1, 0.0)},
                "right": {"deflection": lambda x, y: 0.1 * y}},
         points={(0.2, 0.1): {"deflection": 0.3}},
@@ -173,7 +173,7 @@ def test_derivatives_with_moved_supports_are_those_of_the_lagrangian(scheme, mor
 def test_adopting_a_scale_does_not_depend_on_the_way(scheme, more):
     """Supports that move and come back leave the state as it was."""
     plate = scheme(
-        mesh=uneven(), bending=1e-3, poisson=0.3, **more,
+        mesh=uneven(), bending=1e-3, poisson_ratio=0.3, **more,
         edges={"left": "clamped", "right": {"deflection": 0.1, "displacement": (-0.05, 0.0)}},
     )  # fmt: skip
     state = plate.start()
@@ -186,7 +186,7 @@ def test_adopting_a_scale_does_not_depend_on_the_way(scheme, more):
 def pushed(scheme, more, mesh, **changes):
     """A strip, clamped at one end, that the other end pushes; nu = 0."""
     return scheme(
-        mesh=mesh, bending=1e-4, poisson=0.0, **more,
+        mesh=mesh, bending=1e-4, poisson_ratio=0.0, **more,
         edges={"left": "clamped",
                "right": {"deflection": 0.0, "slope": 0.0, "displacement": (-1.0, 0.0)}},
         **changes,
@@ -219,7 +219,9 @@ def test_a_pushed_strip_buckles_at_the_load_of_a_column(scheme, more, rel):
 
 def test_conflicting_and_impossible_supports_are_refused():
     def plate(edges, points=None, scheme=Plate, **more):
-        return scheme(mesh=uneven(), bending=1.0, poisson=0.3, edges=edges, points=points, **more)
+        return scheme(
+            mesh=uneven(), bending=1.0, poisson_ratio=0.3, edges=edges, points=points, **more
+        )
 
     clash = {"left": {"deflection": 0.0}, "bottom": {"deflection": 0.1}}
     for edges, points, words in (
@@ -245,13 +247,15 @@ def test_conflicting_and_impossible_supports_are_refused():
 
 
 def test_new_values_keep_what_does_not_depend_on_them():
-    plate = Plate(mesh=uneven(), bending=1.0, poisson=0.3, edges={"left": {"deflection": 0.1}})
+    plate = Plate(
+        mesh=uneven(), bending=1.0, poisson_ratio=0.3, edges={"left": {"deflection": 0.1}}
+    )
     ls.equilibrate(plate)
     moved = plate.with_(edges={"left": {"deflection": 0.2}})
     assert moved.space.pattern is plate.space.pattern
     assert moved.space.values.max() == 0.2
     more = plate.with_(edges={"left": "clamped"})
-    fresh = Plate(mesh=uneven(), bending=1.0, poisson=0.3, edges={"left": "clamped"})
+    fresh = Plate(mesh=uneven(), bending=1.0, poisson_ratio=0.3, edges={"left": "clamped"})
     assert more.size == fresh.size < plate.size
     state = fresh.interpolate(lambda x, y: (x + 1) ** 2 * (1 + y))
     for order in (0, 1):
@@ -275,7 +279,7 @@ class Pushing:
 def test_supports_move_in_time():
     """A strip is bent by a turning clamp, nu = 0: the bending energy is B (turn)^2/2 over the length."""
     plate = Plate(
-        mesh=uneven(), bending=1.0, poisson=0.0,
+        mesh=uneven(), bending=1.0, poisson_ratio=0.0,
         edges={"left": {"deflection": 0.0, "slope": 0.0, "displacement": (0.0, 0.0)},
                "right": {"deflection": 1e-6, "slope": 1e-6}},
     )  # fmt: skip

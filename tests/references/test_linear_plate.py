@@ -31,13 +31,13 @@ def test_other_elements_are_of_second_order(element, order):
     ]
     assert order < np.log2(errors[0] / errors[1]) < 2.2
     # For a clamped plate Poisson's ratio changes the error only.
-    other = finite_elements(square(3), element, poisson=0.0).compliance
+    other = finite_elements(square(3), element, poisson_ratio=0.0).compliance
     assert abs(other / EXACT.compliance - 1) < 2 * errors[0]
 
 
 def compliance(scheme, refinement, **more):
     plate = scheme(
-        mesh=square(refinement), bending=1 - 0.3**2, poisson=0.3, edges="clamped", pressure=1e-4, **more
+        mesh=square(refinement), bending=1 - 0.3**2, poisson_ratio=0.3, edges="clamped", pressure=1e-4, **more
     )  # fmt: skip
     return -2 * ls.equilibrate(plate).energy / 1e-8
 
@@ -60,7 +60,7 @@ def test_bad_arguments_are_refused():
     for call, words in (
         (lambda: clamped_square(-1), "degree"),
         (lambda: finite_elements(square(0), "Argyris"), "Argyris"),
-        (lambda: finite_elements(square(0), "Morley", poisson=1.0), "poisson"),
+        (lambda: finite_elements(square(0), "Morley", poisson_ratio=1.0), "poisson_ratio"),
         (lambda: finite_elements(square(0), "interior penalty", penalty=0.0), "penalty"),
     ):
         with pytest.raises(InvalidInput, match=words):

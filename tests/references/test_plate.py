@@ -11,7 +11,7 @@ from scipy.special import iv, ivp, jv, jvp
 from lissome.errors import InvalidInput, NotConverged
 from lissome.references.plate import AxisymmetricDisc, buckling_strain, fold
 
-DOME = AxisymmetricDisc(bending=1e-4, poisson=0.5, radius=0.5, strain=(0.01, -0.02))
+DOME = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5, radius=0.5, strain=(0.01, -0.02))
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,7 @@ DOME = AxisymmetricDisc(bending=1e-4, poisson=0.5, radius=0.5, strain=(0.01, -0.
 )
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.5])
 def test_small_loads_bend_as_in_closed_form(edge, factor, nu):
-    disc = AxisymmetricDisc(bending=2e-3, poisson=nu, radius=1.7, edge=edge, pressure=1e-10)
+    disc = AxisymmetricDisc(bending=2e-3, poisson_ratio=nu, radius=1.7, edge=edge, pressure=1e-10)
     flexural = 2e-3 / (1 - nu**2)
     closed = factor(nu) * 1e-10 * 1.7**4 / (64 * flexural)
     assert disc.solve().height == pytest.approx(closed, rel=1e-9)
@@ -29,7 +29,7 @@ def test_small_loads_bend_as_in_closed_form(edge, factor, nu):
 @pytest.mark.parametrize("edge", ["clamped", "hinged", "simply supported", "sliding clamp"])
 def test_large_deflections_agree_with_a_boundary_value_solver(edge):
     nu, bending, load = 0.3, 1e-4, 2e-3
-    state = AxisymmetricDisc(bending=bending, poisson=nu, edge=edge, pressure=load).solve(
+    state = AxisymmetricDisc(bending=bending, poisson_ratio=nu, edge=edge, pressure=load).solve(
         height=0.1
     )
     c, d = 1 / (1 - nu**2), bending / (1 - nu**2)
@@ -64,7 +64,7 @@ def test_large_deflections_agree_with_a_boundary_value_solver(edge):
 
 def test_energy_falls_at_the_rate_of_the_load():
     # Envelope theorem: dE/dq = -integral of w = -(integral of the slope's moment).
-    disc = AxisymmetricDisc(bending=1e-4, poisson=0.3, edge="hinged", pressure=1e-3)
+    disc = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.3, edge="hinged", pressure=1e-3)
     state = disc.solve(height=0.1)
     h = 1e-6
     more, less = (replace(disc, pressure=1e-3 + s).solve(state).energy for s in (h, -h))
@@ -114,7 +114,7 @@ def test_uniform_strain_costs_nothing():
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.5])
 def test_buckling_strain_separates_flat_from_domed(nu):
     critical = buckling_strain(0.02, nu)
-    disc = AxisymmetricDisc(bending=4e-4, poisson=nu)
+    disc = AxisymmetricDisc(bending=4e-4, poisson_ratio=nu)
 
     def tangent(factor):
         flat = replace(disc, strain=(factor * critical, 0.0)).solve()
@@ -155,14 +155,14 @@ def test_softest_wave_of_a_flat_disc_is_the_vibration_of_a_free_disc(nu, waves):
     values = np.array([rows(q) for q in k])
     first = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))[0]
     root = brentq(rows, k[first], k[first + 1], xtol=1e-13)
-    disc = AxisymmetricDisc(bending=1e-4, poisson=nu)
+    disc = AxisymmetricDisc(bending=1e-4, poisson_ratio=nu)
     assert disc.solve().softest(waves) == pytest.approx(1e-4 / (1 - nu**2) * root**4, rel=1e-8)
 
 
 def test_shallow_bowl_of_a_bilayer_and_its_loss_of_roundness():
     # Uniform curvature: stable up to k R^2/h = 8/(1 + nu)^(3/2), h^2 = 12 B/C (nu = 0 is least off).
     nu, h = 0.0, np.sqrt(12 * 1e-4)
-    disc = AxisymmetricDisc(bending=1e-4, poisson=nu)
+    disc = AxisymmetricDisc(bending=1e-4, poisson_ratio=nu)
     small = replace(disc, curvature=(1e-3, 1e-3)).solve()
     assert -small.height == pytest.approx(0.5e-3, rel=1e-3)
 
@@ -205,16 +205,16 @@ def test_fold_is_where_the_dome_inverts():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("bending", 0.0), ("poisson", -1.0), ("poisson", 0.6), ("edge", "glued"), ("strain", (1, 2, 3)),
-     ("pressure", 1.0)],
+    [("bending", 0.0), ("poisson_ratio", -1.0), ("poisson_ratio", 0.6), ("edge", "glued"),
+     ("strain", (1, 2, 3)), ("pressure", 1.0)],
 )  # fmt: skip
 def test_bad_discs_are_refused(name, value):
     with pytest.raises(InvalidInput, match=name):
-        AxisymmetricDisc(**{"bending": 1e-3, "poisson": 0.3, name: value})
+        AxisymmetricDisc(**{"bending": 1e-3, "poisson_ratio": 0.3, name: value})
 
 
 def test_flat_discs_are_no_starts_for_folds():
-    disc = AxisymmetricDisc(bending=1e-4, poisson=0.5)
+    disc = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5)
     with pytest.raises(InvalidInput, match="flat and unstrained"):
         fold(disc.solve(), (1.0, 1.0))
 

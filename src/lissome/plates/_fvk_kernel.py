@@ -9,7 +9,18 @@ from lissome._compile import jit
 
 @jit
 def membrane(
-    order, local, place, gradients, tilts, weights, stiffness, poisson, natural, x, force, data
+    order,
+    local,
+    place,
+    gradients,
+    tilts,
+    weights,
+    stiffness,
+    poisson_ratio,
+    natural,
+    x,
+    force,
+    data,
 ):
     r"""Add the membrane energy of all triangles; return it.
 
@@ -31,7 +42,7 @@ def membrane(
     tilts : ndarray (T, Q, m, 2)
         g of each unknown of the slope.
     weights : ndarray (T, Q)
-    stiffness, poisson : ndarray (T, Q)
+    stiffness, poisson_ratio : ndarray (T, Q)
         Stretching modulus C and Poisson's ratio.
     natural : ndarray (T, Q, 3)
         Spontaneous strain, xx, yy, xy.
@@ -68,7 +79,7 @@ def membrane(
             exx = uxx + 0.5 * gx * gx - natural[t, q, 0]
             eyy = uyy + 0.5 * gy * gy - natural[t, q, 1]
             gamma = uxy + uyx + gx * gy - 2.0 * natural[t, q, 2]
-            nu = poisson[t, q]
+            nu = poisson_ratio[t, q]
             a = stiffness[t, q] / (1.0 - nu * nu) * weights[t, q]
             shear = 0.5 * (1.0 - nu) * a
             sxx = a * (exx + nu * eyy)

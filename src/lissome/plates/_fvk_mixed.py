@@ -49,7 +49,7 @@ class MixedPlate(PlateUnknowns):
 
     Parameters
     ----------
-    mesh, bending, poisson, stretching, strain, curvature, pressure, edges
+    mesh, bending, poisson_ratio, stretching, strain, curvature, pressure, edges
         As for :class:`~lissome.plates.fvk.Plate`. A slope is held only together with the deflection;
         both components of :math:`\xi` are then held, at the normal slope and at the derivative of the
         deflection along the edge.
@@ -82,7 +82,7 @@ class MixedPlate(PlateUnknowns):
 
     >>> import lissome as ls
     >>> from lissome.plates import fvk, meshes
-    >>> disc = fvk.MixedPlate(mesh=meshes.disc(divisions=6), bending=1e-2, poisson=0.3,
+    >>> disc = fvk.MixedPlate(mesh=meshes.disc(divisions=6), bending=1e-2, poisson_ratio=0.3,
     ...                       edges="clamped", pressure=1e-9, orders=(2, 2))
     >>> middle = ls.equilibrate(disc).deflection.max()
     >>> print(abs(middle * 64 * 1e-2 / (1 - 0.3**2) / 1e-9 - 1) < 0.01)
@@ -91,7 +91,7 @@ class MixedPlate(PlateUnknowns):
 
     mesh: Any = field(repr=False)
     bending: float | Callable[..., Any]
-    poisson: float | Callable[..., Any]
+    poisson_ratio: float | Callable[..., Any]
     stretching: float | Callable[..., Any] = 1.0
     strain: Any = None
     curvature: Any = None
@@ -165,7 +165,7 @@ class MixedPlate(PlateUnknowns):
     def _of_curvature(self, natural: Array) -> tuple[Array, float]:
         """Return the force of a spontaneous curvature, and its own energy."""
         space, m = self.space, self._material
-        nu = m["poisson"]
+        nu = m["poisson_ratio"]
         xx, yy, xy = natural[..., 0], natural[..., 1], natural[..., 2]
         scale = m["weights"] * m["bending"] / (1 - nu**2)
         own = 0.5 * scale * (xx**2 + yy**2 + 2 * nu * xx * yy + 2 * (1 - nu) * xy**2)
@@ -196,9 +196,9 @@ class MixedPlate(PlateUnknowns):
         geometry = space.geometry.at(points, weights)
         stretching = scalar_field("stretching", self.stretching)(geometry.x)
         bending = scalar_field("bending", self.bending)(geometry.x)
-        poisson = scalar_field("poisson", self.poisson)(geometry.x)
-        check_moduli("stretching", stretching, poisson)
-        check_moduli("bending", bending, poisson)
+        poisson_ratio = scalar_field("poisson_ratio", self.poisson_ratio)(geometry.x)
+        check_moduli("stretching", stretching, poisson_ratio)
+        check_moduli("bending", bending, poisson_ratio)
         values = space.inner.values(points)
         inverse = geometry.inverse
         outer = np.einsum("qnr,tqrx->tqnx", space.outer.gradients(points), inverse)
@@ -216,12 +216,12 @@ class MixedPlate(PlateUnknowns):
             tilts = inner
             local = np.hstack([*displacement, w, slopes])
         # Bending: W of the full gradient of xi, as printed; entries (xi_a, d_b) with (xi_c, d_d).
-        d = geometry.weights * bending / (1 - poisson**2)
+        d = geometry.weights * bending / (1 - poisson_ratio**2)
         tensor = np.zeros((2, 2, 2, 2, *d.shape))
         for a in range(2):
             for b in range(2):
-                tensor[a, b, a, b] += d * (1 - poisson)
-                tensor[a, a, b, b] += d * poisson
+                tensor[a, b, a, b] += d * (1 - poisson_ratio)
+                tensor[a, a, b, b] += d * poisson_ratio
         local_bending = np.einsum(
             "tqib,abcdtq,tqjd->taicj", inner, tensor, inner, optimize=True
         ).reshape(triangles, 2 * n1, 2 * n1)
@@ -264,7 +264,7 @@ class MixedPlate(PlateUnknowns):
             "gradients": np.ascontiguousarray(outer), "tilts": np.ascontiguousarray(tilts),
             "inner_gradients": inner, "inner_values": values,
             "outer_values": space.outer.values(points), "points": points,
-            "stretching": stretching, "bending": bending, "poisson": poisson, "local": local,
+            "stretching": stretching, "bending": bending, "poisson_ratio": poisson_ratio, "local": local,
             "pattern": (indptr, indices, places), "data": data, "quadratic": quadratic,
             "constraints": constraints,
             "mass": np.concatenate([nodal, nodal, other, small * other, small * other]),
@@ -387,7 +387,7 @@ class MixedPlate(PlateUnknowns):
         data = m["data"].copy() if order == 2 else np.empty(0)
         energy = membrane(
             order, m["local"], places, m["gradients"], m["tilts"], m["weights"], m["stretching"],
-            m["poisson"], self._strain, x, force, data,
+            m["poisson_ratio"], self._strain, x, force, data,
         )  # fmt: skip
         moment = m["quadratic"] @ x
         energy += 0.5 * float(x @ moment) - float(self._force @ x) + self._own
@@ -471,7 +471,7 @@ class MixedPlate(PlateUnknowns):
         m, x = self._material, self._vector(state)
         stretching = membrane(
             0, m["local"], m["pattern"][2], m["gradients"], m["tilts"], m["weights"],
-            m["stretching"], m["poisson"], self._strain, x, np.zeros(0), np.empty(0),
+            m["stretching"], m["poisson_ratio"], self._strain, x, np.zeros(0), np.empty(0),
         )  # fmt: skip
         bend = 0.5 * float(x @ (m["quadratic"] @ x)) + self._own
         bend -= float((self._force - self._load) @ x)
@@ -514,7 +514,7 @@ class MixedPlate(PlateUnknowns):
     def _linear(self) -> Any:
         m = self._material
         blocks = (
-            m["local"], m["gradients"], m["tilts"], m["weights"], m["stretching"], m["poisson"],
+            m["local"], m["gradients"], m["tilts"], m["weights"], m["stretching"], m["poisson_ratio"],
             np.zeros_like(self._strain),
         )  # fmt: skip
         rows = m["constraints"]
@@ -527,7 +527,7 @@ class MixedPlate(PlateUnknowns):
 
     def _membrane_data(self) -> dict[str, Any]:
         m = self._material
-        names = ("local", "gradients", "tilts", "weights", "stretching", "poisson", "points")
+        names = ("local", "gradients", "tilts", "weights", "stretching", "poisson_ratio", "points")
         return {name: m[name] for name in names} | {"natural": self._strain}
 
     def _moments(self, state: PlateState) -> Array:
@@ -537,7 +537,7 @@ class MixedPlate(PlateUnknowns):
         natural = tensor_field("curvature", self.curvature)(m["x"])
         xx, yy = bent[..., 0, 0] - natural[..., 0], bent[..., 1, 1] - natural[..., 1]
         xy = 0.5 * (bent[..., 0, 1] + bent[..., 1, 0]) - natural[..., 2]
-        nu = m["poisson"]
+        nu = m["poisson_ratio"]
         b = m["bending"] / (1 - nu**2)
         values = np.stack([b * (xx + nu * yy), b * (1 - nu) * xy, b * (yy + nu * xx)], axis=-1)
         return fitted(values, m["weights"], lagrange(space.orders[1]), m["points"])
@@ -579,7 +579,7 @@ def projected_bending(plate: MixedPlate, count: int = 8) -> tuple[Array, Array]:
     On a coarse square of the order that is printed, clamped, one deflection costs nothing:
 
     >>> from lissome.plates import fvk, meshes
-    >>> plate = fvk.MixedPlate(mesh=meshes.rectangle(divisions=2), bending=1e-4, poisson=0.3,
+    >>> plate = fvk.MixedPlate(mesh=meshes.rectangle(divisions=2), bending=1e-4, poisson_ratio=0.3,
     ...                        edges="clamped")
     >>> values, modes = fvk.projected_bending(plate, count=3)
     >>> print((values > 1e-9).tolist(), modes.shape)

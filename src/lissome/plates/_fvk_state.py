@@ -41,7 +41,7 @@ class PlateState:
     --------
     >>> from lissome.plates import meshes
     >>> from lissome.plates.fvk import Plate
-    >>> plate = Plate(mesh=meshes.rectangle(divisions=1), bending=1.0, poisson=0.3)
+    >>> plate = Plate(mesh=meshes.rectangle(divisions=1), bending=1.0, poisson_ratio=0.3)
     >>> plate.start().x.shape == (plate.space.size,)
     True
     """
@@ -69,7 +69,7 @@ class PlateEquilibrium(Equilibrium):
     >>> from lissome.plates import meshes
     >>> from lissome.plates.fvk import Plate
     >>> plate = Plate(
-    ...     mesh=meshes.rectangle(divisions=2), bending=1e-4, poisson=0.3,
+    ...     mesh=meshes.rectangle(divisions=2), bending=1e-4, poisson_ratio=0.3,
     ...     curvature=[[0.01, 0.0], [0.0, 0.0]],
     ... )
     >>> found = ls.equilibrate(plate, plate.interpolate(lambda x, y: 0.005 * x * x))
@@ -309,7 +309,7 @@ class PlateUnknowns(BaseStructure):
         xx = gx[..., 0] + 0.5 * g[..., 0] ** 2 - natural[..., 0]
         yy = gy[..., 1] + 0.5 * g[..., 1] ** 2 - natural[..., 1]
         xy = 0.5 * (gx[..., 1] + gy[..., 0] + g[..., 0] * g[..., 1]) - natural[..., 2]
-        nu = m["poisson"]
+        nu = m["poisson_ratio"]
         a = m["stretching"] / (1 - nu**2)
         values = np.stack([a * (xx + nu * yy), a * (1 - nu) * xy, a * (yy + nu * xx)], axis=-1)
         return fitted(values, m["weights"], lagrange(self._bases[0][0].degree - 1), m["points"])
@@ -446,12 +446,14 @@ def _tensors(coefficients: Array, points: Array) -> Array:
     return values[..., [[0, 1], [1, 2]]]
 
 
-def check_moduli(name: str, modulus: Array, poisson: Array) -> None:
+def check_moduli(name: str, modulus: Array, poisson_ratio: Array) -> None:
     """Raise if a modulus is not positive somewhere, or Poisson's ratio impossible."""
     if not np.all(modulus > 0):
         raise InvalidInput(
             f"argument `{name}` is {float(np.min(modulus)):.4g} somewhere; a modulus is positive"
         )
-    if not np.all((poisson > -1) & (poisson <= 0.5)):
-        worst = poisson[~((poisson > -1) & (poisson <= 0.5))].ravel()[0]
-        raise InvalidInput(f"argument `poisson` is {worst:.4g} somewhere; it must lie in (-1, 1/2]")
+    if not np.all((poisson_ratio > -1) & (poisson_ratio <= 0.5)):
+        worst = poisson_ratio[~((poisson_ratio > -1) & (poisson_ratio <= 0.5))].ravel()[0]
+        raise InvalidInput(
+            f"argument `poisson_ratio` is {worst:.4g} somewhere; it must lie in (-1, 1/2]"
+        )

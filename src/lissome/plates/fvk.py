@@ -48,11 +48,11 @@ Array = NDArray[np.float64]
 class _Bending:
     """The bending form of a material on a space: constant in the unknowns."""
 
-    def __init__(self, space: PlateSpace, bending: Field, poisson: Field) -> None:
+    def __init__(self, space: PlateSpace, bending: Field, poisson_ratio: Field) -> None:
         points = space.curvature_points
-        stiffness, nu = bending(points.x), poisson(points.x)
+        stiffness, nu = bending(points.x), poisson_ratio(points.x)
         check_moduli("bending", stiffness, nu)
-        self.stiffness, self.poisson = stiffness, nu
+        self.stiffness, self.poisson_ratio = stiffness, nu
         basis = space.moment_basis
         k = basis.shape[1]
         # Compliance: kappa = ((1 + nu) M - nu tr(M) I)/B, with M = B A kappa; weights of M : M.
@@ -88,7 +88,7 @@ class _Bending:
         n = space.basis.count
         force = np.zeros(space.size)
         np.add.at(force, space.local[:, 2 * n :], local)
-        nu, xx, yy, xy = self.poisson, natural[..., 0], natural[..., 1], natural[..., 2]
+        nu, xx, yy, xy = self.poisson_ratio, natural[..., 0], natural[..., 1], natural[..., 2]
         density = xx * xx + yy * yy + 2 * nu * xx * yy + 2 * (1 - nu) * xy * xy
         own = 0.5 * float(np.sum(points.weights * self.stiffness / (1 - nu**2) * density))
         return force, own, tests
@@ -109,7 +109,7 @@ class Plate(PlateUnknowns):
         Connected triangles; those of a MeshTri2 may be curved.
     bending : float or callable
         Bending modulus B; energy. A number, or a function of arrays x, y.
-    poisson : float or callable
+    poisson_ratio : float or callable
         Poisson's ratio, in (-1, 1/2].
     stretching : float or callable
         Stretching modulus C; energy per area.
@@ -156,7 +156,7 @@ class Plate(PlateUnknowns):
     >>> import skfem, lissome as ls
     >>> from lissome.plates.fvk import Plate
     >>> mesh = skfem.MeshTri().refined(3)
-    >>> plate = Plate(mesh=mesh, bending=1.0, poisson=0.3, edges="clamped", pressure=1e-3)
+    >>> plate = Plate(mesh=mesh, bending=1.0, poisson_ratio=0.3, edges="clamped", pressure=1e-3)
     >>> bent = ls.equilibrate(plate)
     >>> print(f"{bent.deflection.max() / 1e-3 / (1 - 0.3**2):.4f}")
     0.0013
@@ -164,7 +164,7 @@ class Plate(PlateUnknowns):
 
     mesh: Any = field(repr=False)
     bending: float | Callable[..., Any]
-    poisson: float | Callable[..., Any]
+    poisson_ratio: float | Callable[..., Any]
     stretching: float | Callable[..., Any] = 1.0
     strain: Any = None
     curvature: Any = None
@@ -238,7 +238,7 @@ class Plate(PlateUnknowns):
         if "bending" not in self._shared:
             self._shared["bending"] = _Bending(
                 self.space, scalar_field("bending", self.bending),
-                scalar_field("poisson", self.poisson),
+                scalar_field("poisson_ratio", self.poisson_ratio),
             )  # fmt: skip
         return self._shared["bending"]
 
@@ -249,15 +249,15 @@ class Plate(PlateUnknowns):
             points, weights = triangle_rule(self._membrane_degree)
             geometry = space.geometry.at(points, weights)
             stretching = scalar_field("stretching", self.stretching)(geometry.x)
-            poisson = scalar_field("poisson", self.poisson)(geometry.x)
-            check_moduli("stretching", stretching, poisson)
+            poisson_ratio = scalar_field("poisson_ratio", self.poisson_ratio)(geometry.x)
+            check_moduli("stretching", stretching, poisson_ratio)
             bending = scalar_field("bending", self.bending)(geometry.x)
             self._shared["membrane"] = {
                 "x": geometry.x,
                 "weights": np.ascontiguousarray(geometry.weights),
                 "gradients": np.ascontiguousarray(space.gradients(points, geometry)),
                 "stretching": np.ascontiguousarray(stretching),
-                "poisson": np.ascontiguousarray(poisson),
+                "poisson_ratio": np.ascontiguousarray(poisson_ratio),
                 "thickness2": bending / stretching,
             }
         return self._shared["membrane"]
@@ -284,7 +284,7 @@ class Plate(PlateUnknowns):
         spoiled = {
             "mesh": ("space", "bending", "membrane", "spread"),
             "degree": ("space", "bending", "membrane", "spread"),
-            "poisson": ("bending", "membrane", "spread"),
+            "poisson_ratio": ("bending", "membrane", "spread"),
             "bending": ("bending", "membrane", "spread"),
             "stretching": ("membrane", "spread"),
         }
@@ -320,7 +320,7 @@ class Plate(PlateUnknowns):
         data = bending.data.copy() if order == 2 else np.empty(0)
         stretching = membrane(
             order, space.local, place, m["gradients"], m["gradients"], m["weights"], m["stretching"],
-            m["poisson"], self._strain, x, force, data,
+            m["poisson_ratio"], self._strain, x, force, data,
         )  # fmt: skip
         moment = bending.matrix @ x
         energy = stretching + 0.5 * float(x @ moment) - float(self._force @ x) + self._own
@@ -437,7 +437,7 @@ class Plate(PlateUnknowns):
     def _linear(self) -> Any:
         space, m = self.space, self._membrane
         blocks = (
-            space.local, m["gradients"], m["gradients"], m["weights"], m["stretching"], m["poisson"],
+            space.local, m["gradients"], m["gradients"], m["weights"], m["stretching"], m["poisson_ratio"],
             np.zeros_like(self._strain),
         )  # fmt: skip
         return blocks, self._bending.matrix, sparse.csr_matrix((0, space.size))
@@ -447,7 +447,7 @@ class Plate(PlateUnknowns):
         points, _ = triangle_rule(self._membrane_degree)
         return {
             "local": self.space.local, "gradients": m["gradients"], "tilts": m["gradients"],
-            "weights": m["weights"], "stretching": m["stretching"], "poisson": m["poisson"],
+            "weights": m["weights"], "stretching": m["stretching"], "poisson_ratio": m["poisson_ratio"],
             "natural": self._strain, "points": points,
         }  # fmt: skip
 
@@ -486,7 +486,7 @@ class Plate(PlateUnknowns):
         space, m, x = self.space, self._membrane, self._vector(state)
         stretching = membrane(
             0, space.local, space.pattern[2], m["gradients"], m["gradients"], m["weights"], m["stretching"],
-            m["poisson"], self._strain, x, np.zeros(0), np.empty(0),
+            m["poisson_ratio"], self._strain, x, np.zeros(0), np.empty(0),
         )  # fmt: skip
         load = -float(self._load @ x)
         bend = 0.5 * float(x @ (self._bending.matrix @ x)) + self._own

@@ -490,7 +490,7 @@ class Laminate:
         return self._channel(lambda layer: 1.0)[2]
 
     def moduli(self, length: float | None = None) -> dict[str, float]:
-        r"""Return the arguments `stretching`, `bending` and `poisson` of a :class:`.Plate`.
+        r"""Return the arguments `stretching`, `bending` and `poisson_ratio` of a :class:`.Plate`.
 
         Parameters
         ----------
@@ -507,7 +507,7 @@ class Laminate:
         c, b = self.stretching_modulus, self.bending_modulus
         if length is not None:
             c, b = 1.0, b / (c * positive("length", length) ** 2)
-        return {"stretching": c, "bending": b, "poisson": self.poisson_ratio}
+        return {"stretching": c, "bending": b, "poisson_ratio": self.poisson_ratio}
 
     @property
     def bending_length(self) -> float:

@@ -379,7 +379,7 @@ def sheet(
     offset: Any = (0.0, 0.0),
     shape: str = "square",
     thickness: float = 0.01,
-    poisson: float = 0.5,
+    poisson_ratio: float = 0.5,
     tensor: str | float = "incompressible",
     divisions: int = 3,
     degree: int = 3,
@@ -397,7 +397,7 @@ def sheet(
     shape : {"square", "disc"}
     thickness : float
         h/L of a uniform sheet: :math:`t = h/\sqrt{12}`. In the scaled quantities nothing depends on it.
-    poisson : float
+    poisson_ratio : float
     tensor : str or float
         See :func:`.transverse_strain`; to first order.
     divisions, grading
@@ -442,7 +442,7 @@ def sheet(
     )
     require_inside(defect, mesh)
     return Plate(
-        mesh=mesh, bending=t**2, poisson=poisson, strain=defect.field(along, ratio * along),
+        mesh=mesh, bending=t**2, poisson_ratio=poisson_ratio, strain=defect.field(along, ratio * along),
         degree=degree,
     )  # fmt: skip
 
@@ -459,7 +459,7 @@ def critical_curvature(
     offset: Any = (0.0, 0.0),
     shape: str = "square",
     thickness: float = 0.01,
-    poisson: float = 0.5,
+    poisson_ratio: float = 0.5,
     tensor: str | float = "incompressible",
     curvature_tensor: str | float | None = None,
     most: float | None = None,
@@ -476,7 +476,7 @@ def critical_curvature(
 
     Parameters
     ----------
-    strain, offset, shape, thickness, poisson, tensor, divisions, degree, grading
+    strain, offset, shape, thickness, poisson_ratio, tensor, divisions, degree, grading
         See :func:`sheet`.
     curvature_tensor : str or float, optional
         Tensor of the spontaneous curvature; by default that of the strain, as the theory of laminates
@@ -509,7 +509,7 @@ def critical_curvature(
     (True, 'fold', True)
     """
     plate = sheet(
-        strain, offset=offset, shape=shape, thickness=thickness, poisson=poisson, tensor=tensor,
+        strain, offset=offset, shape=shape, thickness=thickness, poisson_ratio=poisson_ratio, tensor=tensor,
         divisions=divisions, degree=degree, grading=grading,
     )  # fmt: skip
     t = thickness / math.sqrt(12.0)

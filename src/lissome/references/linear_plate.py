@@ -100,7 +100,7 @@ def clamped_square(degree: int = 30) -> LinearPlate:
 
 
 def finite_elements(
-    mesh: Any, element: str, *, poisson: float = 0.3, penalty: float = 10.0
+    mesh: Any, element: str, *, poisson_ratio: float = 0.3, penalty: float = 10.0
 ) -> LinearPlate:
     r"""Return a clamped plate on a mesh by Morley's triangles, or by interior penalties.
 
@@ -114,7 +114,7 @@ def finite_elements(
         do work on the mean moment there, and cost
 
         .. math:: \frac{\sigma D}{h} \int [\partial_n w]^2 .
-    poisson : float
+    poisson_ratio : float
         In (-1, 1); for a clamped plate it changes the error only.
     penalty : float
         :math:`\sigma`.
@@ -139,7 +139,7 @@ def finite_elements(
     1.49
     """
     one_of("element", element, ("Morley", "interior penalty"))
-    nu = in_open_interval("poisson", poisson, -1.0, 1.0, "Poisson's ratio of a plate")
+    nu = in_open_interval("poisson_ratio", poisson_ratio, -1.0, 1.0, "Poisson's ratio of a plate")
     sigma = positive("penalty", penalty)
 
     def moment(w: Any) -> Any:

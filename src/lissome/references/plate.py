@@ -75,7 +75,7 @@ class AxisymmetricDisc:
     ----------
     bending : float
         Bending modulus B (Y h^3/12: the factor 1/(1 - nu^2) is extra).
-    poisson : float
+    poisson_ratio : float
     radius, stretching : float
         Radius R, and stretching modulus C (Y h).
     strain, curvature : array_like, shape (2,)
@@ -95,14 +95,14 @@ class AxisymmetricDisc:
     A load that is small: q R^4/(64 D) at the center of a clamped disc.
 
     >>> from lissome.references.plate import AxisymmetricDisc
-    >>> disc = AxisymmetricDisc(bending=1e-2, poisson=0.3, edge="clamped", pressure=1e-9)
+    >>> disc = AxisymmetricDisc(bending=1e-2, poisson_ratio=0.3, edge="clamped", pressure=1e-9)
     >>> flexural = 1e-2 / (1 - 0.3**2)
     >>> round(disc.solve().height * 64 * flexural / 1e-9, 6)
     1.0
     """
 
     bending: float
-    poisson: float
+    poisson_ratio: float
     radius: float = 1.0
     stretching: float = 1.0
     strain: ArrayLike = (0.0, 0.0)
@@ -114,8 +114,8 @@ class AxisymmetricDisc:
         positive("bending", self.bending)
         positive("stretching", self.stretching)
         positive("radius", self.radius)
-        if self.poisson != 0.5:
-            in_open_interval("poisson", self.poisson, -1.0, 0.5)
+        if self.poisson_ratio != 0.5:
+            in_open_interval("poisson_ratio", self.poisson_ratio, -1.0, 0.5)
         finite("pressure", self.pressure)
         one_of("edge", self.edge, EDGES)
         for name in ("strain", "curvature"):
@@ -142,7 +142,7 @@ class AxisymmetricDisc:
         index = np.arange(pieces)[:, None] * (k - 1) + np.arange(k)
         r2 = (self.radius * np.exp(x)) ** 2
         p, s = z[:n][index], z[n:][index]
-        nu = self.poisson
+        nu = self.poisson_ratio
         c, b = self.stretching / (1 - nu**2), self.bending / (1 - nu**2)
         strain, curvature = np.asarray(self.strain), np.asarray(self.curvature)
         px = np.einsum("eij,ej->ei", d, p)
@@ -280,7 +280,7 @@ class AxisymmetricState:
     Under a small load a clamped disc takes the shape :math:`(1 - r^2)^2`:
 
     >>> from lissome.references.plate import AxisymmetricDisc
-    >>> disc = AxisymmetricDisc(bending=1e-2, poisson=0.3, edge="clamped", pressure=1e-9)
+    >>> disc = AxisymmetricDisc(bending=1e-2, poisson_ratio=0.3, edge="clamped", pressure=1e-9)
     >>> state = disc.solve()
     >>> print((state.deflection([0.0, 0.5, 1.0]) / state.height).round(6) + 0.0)
     [1.     0.5625 0.    ]
@@ -328,7 +328,7 @@ class AxisymmetricState:
     def energy(self) -> float:
         """Energy, with the potential of the load."""
         a, disc = self._parts, self.disc
-        nu = disc.poisson
+        nu = disc.poisson_ratio
         er, et, kr, kt = self._fields()
         density = disc.stretching * (er**2 + et**2 + 2 * nu * er * et)
         density += disc.bending * (kr**2 + kt**2 + 2 * nu * kr * kt)
@@ -342,7 +342,7 @@ class AxisymmetricState:
     def stresses(self) -> tuple[Array, Array]:
         """Radial and azimuthal stress resultants at the collocation points, shape (pieces, points) each."""
         er, et, _, _ = self._fields()
-        nu = self.disc.poisson
+        nu = self.disc.poisson_ratio
         c = self.disc.stretching / (1 - nu**2)
         return c * (er + nu * et), c * (et + nu * er)
 
@@ -443,7 +443,7 @@ class AxisymmetricState:
         ktt = np.hstack([zero, zero, wr * over - n**2 * w * over**2])
         krt = np.hstack([zero, zero, -n * (wr * over - w * over**2)])
         gr, gt = np.hstack([zero, zero, wr]), np.hstack([zero, zero, -n * w * over])
-        nu = disc.poisson
+        nu = disc.poisson_ratio
 
         def form(stiffness: float, rr: Array, tt: Array, rt: Array) -> Array:
             k = stiffness / (1 - nu**2)
@@ -500,7 +500,7 @@ def fold(
     A dome of a strain with a defect: spontaneous curvature against it lowers the dome, until it folds.
 
     >>> from lissome.references.plate import AxisymmetricDisc, fold
-    >>> disc = AxisymmetricDisc(bending=1e-4, poisson=0.5, radius=0.5, strain=(0.01, -0.02))
+    >>> disc = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5, radius=0.5, strain=(0.01, -0.02))
     >>> dome = disc.solve(height=0.1)
     >>> p, last = fold(dome, (-1.0, 2.0), step=0.2, most=2.0)
     >>> print(p > 0, 0 < last.height < dome.height)
@@ -589,14 +589,14 @@ def fold(
     raise NotConverged(f"no fold up to p = {p:.4g}; raise `most`, or take a smaller `step`")
 
 
-def buckling_strain(thickness: float, poisson: float) -> float:
+def buckling_strain(thickness: float, poisson_ratio: float) -> float:
     r"""Return the strain difference at which a free flat disc with a +1 defect domes.
 
     Parameters
     ----------
     thickness : float
         :math:`\sqrt{B/C}/R`.
-    poisson : float
+    poisson_ratio : float
 
     Returns
     -------
@@ -616,7 +616,7 @@ def buckling_strain(thickness: float, poisson: float) -> float:
     4.0
     """
     thickness = positive("thickness", thickness)
-    disc = AxisymmetricDisc(bending=thickness**2, poisson=poisson, strain=(1.0, 0.0))
+    disc = AxisymmetricDisc(bending=thickness**2, poisson_ratio=poisson_ratio, strain=(1.0, 0.0))
     n = disc.size // 2
     # Linear in the strain: the flat state of a unit difference, and its tangent.
     flat = disc.solve()
