@@ -338,7 +338,7 @@ CASES = [
     ("buckling-distributed", {"value": 7.8373474, "order": 2.0}, {"value": 7.8374}, FAILS),
     (
         "buckling-postcritical",
-        {"value": 1e-7, "node_clamp": 0.01, "good_clamp": 1e-4},
+        {"value": 1e-7, "segment_clamp": 0.01, "node_clamp": 1e-4},
         {"value": 1e-5},
         FAILS,
     ),

@@ -24,7 +24,7 @@ STRUCTURES = {
     "clamped": _open,
     "inner clamp": lambda law, scheme: _open(law, scheme).clamped(6, (0.02, 0, 0.4)),
     "free end": lambda law, scheme: _open(law, scheme).freed("end"),
-    "two-node": lambda law, scheme: _open(law, scheme).clamped("start", kind="two-node"),
+    "segment": lambda law, scheme: _open(law, scheme).clamped("start", clamp="segment"),
     "hinged": lambda law, scheme: _open(law, scheme).hinged(
         "end", (0.1, 0, 0.7), axis=(1, 2, 0.3), moment=0.2
     ),
@@ -76,7 +76,7 @@ def test_derivatives_of_random_states(name, scheme, law):
     assert moved == pytest.approx(_differences(constraints, 1e-3)[0], abs=1e-8)
 
 
-@pytest.mark.parametrize("name", ["clamped", "free end", "two-node", "hinged", "uneven", "jaws"])
+@pytest.mark.parametrize("name", ["clamped", "free end", "segment", "hinged", "uneven", "jaws"])
 def test_derivatives_where_moments_are_unknowns(name):
     """Constraints depend on the multipliers: those of the Lagrangian in both, and its symmetry."""
     law = ribbons.Wunderlich(width=0.1, rigidity=1.3)

@@ -94,14 +94,14 @@ def test_sadowsky_keeps_no_ruling_of_a_clamp():
     thin = ribbons.Sadowsky(width=0.1, rigidity=1.0)
     with pytest.raises(InvalidInput, match=r"`ruling`.*Sadowsky"):
         strip.with_law(thin)
-    assert strip.clamped("start").with_law(thin).prescribed == ()
+    assert strip.clamped("start").with_law(thin).clamped_rulings == ()
 
 
 @pytest.mark.parametrize(
     ("changes", "name"),
     [
-        ({"prescribed": ((7, 0.1),)}, "prescribed"),
-        ({"prescribed": ((0, math.nan),)}, "prescribed"),
+        ({"clamped_rulings": ((7, 0.1),)}, "clamped_rulings"),
+        ({"clamped_rulings": ((0, math.nan),)}, "clamped_rulings"),
         ({"phase": "no"}, "phase"),
     ],
 )

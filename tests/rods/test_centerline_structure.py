@@ -26,10 +26,10 @@ FAR = (0.2, 0.1, 0.6 * SPAN)
 
 RODS = {
     "cantilever": BARE.clamped("start").loaded(end=(1.0, 0.5, -5.0)),
-    "two-node clamp": BARE.clamped("start", kind="two-node").loaded(end=(1.0, 0.5, -5.0)),
+    "clamped segment": BARE.clamped("start", clamp="segment").loaded(end=(1.0, 0.5, -5.0)),
     "both ends clamped": CURVED.clamped("start").clamped("end", position=FAR, frame=TURNED),
-    "two two-node clamps": CURVED.clamped("start", kind="two-node").clamped(
-        "end", position=FAR, frame=TURNED, kind="two-node"
+    "two clamped segments": CURVED.clamped("start", clamp="segment").clamped(
+        "end", position=FAR, frame=TURNED, clamp="segment"
     ),
     "pinned end": CURVED.clamped("start").pinned("end", FAR).loaded(distributed=(0.0, 2.0, 0.0)),
     "pinned at both ends": CURVED.pinned("start")
@@ -72,8 +72,8 @@ def test_equilibria_are_those_of_the_rod_in_frames(name):
     assert other.residual < 1e-13
     inner, outer = found.structure.layout.plan.span, other.structure.to_rod(other.state)
     np.testing.assert_allclose(
-        rod.strain_densities(outer) * inner[:, None],
-        rod.strain_densities(found.state) * inner[:, None],
+        rod.strains(outer) * inner[:, None],
+        rod.strains(found.state) * inner[:, None],
         atol=1e-9,
     )
     if name != "free":  # a free rod may be anywhere
@@ -211,11 +211,11 @@ def test_cold_starts_far_from_the_reference_converge():
 
 
 def test_supports_move():
-    twin = CenterlineTwist(RODS["two two-node clamps"])
+    twin = CenterlineTwist(RODS["two clamped segments"])
     found = ls.equilibrate(twin)
     moved = CenterlineTwist(
         twin.rod.clamped(
-            "end", position=(0.21, 0.1, 0.6 * SPAN), frame=TURNED * TURNED**0.02, kind="two-node"
+            "end", position=(0.21, 0.1, 0.6 * SPAN), frame=TURNED * TURNED**0.02, clamp="segment"
         )
     )
     state = moved.adopt(found.state)
@@ -256,7 +256,7 @@ def test_the_band_for_lapack_is_the_kkt_matrix(name):
     [
         (dataclasses.replace(BARE, closed=True), "closed"),
         (BARE.hinged("start", axis=(0, 1, 0)), "hinged support at node 0"),
-        (BARE.clamped("start", position=(0, 0, None), kind="two-node"), "free component"),
+        (BARE.clamped("start", position=(0, 0, None), clamp="segment"), "free component"),
         (3, "pass a Rod"),
     ],
 )

@@ -84,7 +84,7 @@ def rods():
         "cantilever": open_rod.clamped("start").loaded(
             end=[1, 2, 3], distributed=lambda s: np.stack([s, s**2, 1 - s], axis=1)
         ),
-        "two-node": open_rod.clamped("end", kind="two-node").loaded(start=[1, 2, 3]),
+        "segment": open_rod.clamped("end", clamp="segment").loaded(start=[1, 2, 3]),
         "clamped": open_rod.clamped("start").clamped("end", (0.1, 0.2, 0.3), turned),
         "angle": Rod(law, lengths, natural, measure="angle")
         .clamped("start")
@@ -107,7 +107,7 @@ def rods():
         "pulled cord": cord.clamped("start").loaded(end=[1, 2, 3]),
         "hinged cord": cord.hinged("start", axis=[1, 2, 0.5])
         .clamped(4, (0.1, 0, 0.5), turned)
-        .clamped("end", kind="two-node"),
+        .clamped("end", clamp="segment"),
         "cord of angles": Rod(coupled, lengths, natural, measure="angle").clamped("start"),
         "cord ring": cord_ring,
         "loaded cord ring": cord_ring.pinned(2).loaded(nodes={5: [0, 1, 0], 2: [0, 0, 3]}),
@@ -195,7 +195,7 @@ def test_seen_from_the_other_end_the_rod_is_the_same():
     flip = np.array([0.0, 1.0, 0.0, 0.0])  # by pi about d1, which stays
     one, two = RodState(frames), RodState(multiply(frames[::-1], flip))
     a, b = (r.evaluate(s, np.zeros(0), 1) for r, s in ((rod, one), (back, two)))
-    strains, mirrored = rod.strain_densities(one), back.strain_densities(two)[::-1]
+    strains, mirrored = rod.strains(one), back.strains(two)[::-1]
     assert np.allclose(strains * [-1, 1, 1], mirrored, atol=1e-13)
     assert a.energy == pytest.approx(b.energy, rel=1e-12)
 
@@ -211,7 +211,7 @@ def test_no_hinge_turns_past_pi_in_a_step():
         angles = []
         for t in np.linspace(0, fraction, 200):
             q, kappa = np.empty((SEGMENTS - 1, 4)), np.empty((SEGMENTS - 1, 3))
-            frames = rod.frames(rod.retract(state, t * dx))
+            frames = rod._frames(rod.retract(state, t * dx))
             plan = rod.layout.plan
             kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
             angles.append(2 * np.arccos(np.clip(q[:, 0], -1, 1)))

@@ -106,17 +106,17 @@ def pulled(kind, closed):
             np.array([0.05, 0.1, 0.4 if kind == "interior" else 0.8]),
             np.array([1.0, 0, 0, 0]),
         )
-    clamp = "two-node" if kind == "two-node" else "half"
+    clamp = "segment" if kind == "segment" else "node"
 
     def at(shift, turn):
         new = multiply(exponential(np.asarray(turn, dtype=float)), frame)
-        return rod.clamped(node, tuple(place + shift), new / np.linalg.norm(new), kind=clamp)
+        return rod.clamped(node, tuple(place + shift), new / np.linalg.norm(new), clamp=clamp)
 
     return node, at
 
 
 @pytest.mark.parametrize(
-    ("kind", "closed"), [("half", False), ("two-node", False), ("interior", False), ("half", True)]
+    ("kind", "closed"), [("node", False), ("segment", False), ("interior", False), ("node", True)]
 )
 def test_work_of_a_moving_clamp_is_the_reaction(kind, closed):
     """dE = force . dx + moment . dphi, whatever holds the rod elsewhere."""

@@ -113,7 +113,7 @@ def test_helix_under_an_axial_wrench_is_uniform_on_the_mesh():
         rod = rods.helix(
             2.0, n, rods.Kirchhoff(1.3, 0.9), curvature=3.0, torsion=4.0, stress_free=False
         ).with_natural(curvature_1=2.0, twist=3.0)
-        eq = ls.equilibrate(rod.clamped("start", kind="two-node").clamped("end", kind="two-node"))
+        eq = ls.equilibrate(rod.clamped("start", clamp="segment").clamped("end", clamp="segment"))
         assert np.ptp(eq.strains, axis=0).max() < 1e-10
         axis = eq.strains[0] @ (eq.directors[0] + eq.directors[1])
         axis /= np.linalg.norm(axis)

@@ -70,7 +70,7 @@ def test_arc_and_helix_are_at_rest(measure, about, mesh):
         assert energy(rod) == pytest.approx(0.0, abs=1e-24)
         clamped = rod.clamped("start").clamped("end")  # half hinges are at rest, too
         state = clamped.adopt(clamped.initial)
-        strains = clamped.strain_densities(state)
+        strains = clamped.strains(state)
         expected = clamped.natural[clamped.layout.nodes]
         np.testing.assert_allclose(strains, expected, atol=1e-13)
 
@@ -179,7 +179,7 @@ def test_twist_of_a_ring_is_even(turns):
     n = 60
     rod = shapes.ring(5.0, n, Kirchhoff(1.0, 0.8), turns=turns, measure="averaged")
     check_state(rod)
-    strains = rod.strain_densities(rod.initial)
+    strains = rod.strains(rod.initial)
     assert strains.shape == (n, 3)  # the joint is a hinge like the others
     np.testing.assert_allclose(strains[:, 2], 2 * math.pi * turns / 5.0, rtol=1e-12)
     assert rod.joint == pytest.approx(2 * math.pi * turns)
@@ -234,7 +234,7 @@ def test_closed_curve_without_directors_closes(turns):
     check_state(rod)
     np.testing.assert_allclose(nodes(rod)[:-1], trefoil, atol=1e-12)
     assert energy(rod) == pytest.approx(0.0, abs=1e-24)
-    twist = rod.strain_densities(rod.initial)[:, 2]
+    twist = rod.strains(rod.initial)[:, 2]
     assert np.ptp(twist) < 1e-10  # what is missing is spread evenly
     # Calugareanu: the total is turns - writhe up to a whole turn (see test_results)
     from lissome.rods.results import writhe
@@ -253,15 +253,11 @@ def test_closed_curve_with_given_directors(turns):
     check_state(rod)
     np.testing.assert_allclose(rod.natural[:, :2], expected_bending(there), atol=1e-12)
     assert energy(rod) == pytest.approx(0.0, abs=1e-24)
-    np.testing.assert_allclose(
-        rod.strain_densities(rod.initial), there.strain_densities(there.initial), atol=1e-12
-    )
+    np.testing.assert_allclose(rod.strains(rod.initial), there.strains(there.initial), atol=1e-12)
 
 
 def expected_bending(ring):
-    strains = ring.strain_densities(
-        ring.initial
-    )  # the joint comes last, natural strains have it first
+    strains = ring.strains(ring.initial)  # the joint comes last, natural strains have it first
     return np.vstack([strains[-1:], strains])[:, :2]
 
 

@@ -56,8 +56,8 @@ MADE_WRONG = {
     "end of a ring": (lambda: RING.clamped("end"), "no ends"),
     "node": (lambda: ROD.pinned(11), "numbered 0 to 10"),
     "name of an end": (lambda: ROD.pinned("strat"), "did you mean 'start'"),
-    "clamp": (lambda: ROD.clamped("start", kind="full"), "kind"),
-    "two-node inside": (lambda: ROD.clamped(4, kind="two-node"), "two-node"),
+    "clamp": (lambda: ROD.clamped("start", clamp="full"), "clamp"),
+    "segment inside": (lambda: ROD.clamped(4, clamp="segment"), "segment"),
     "no axis": (lambda: ROD.hinged("end", axis=(0, 0, 0)), "axis"),
     "moment": (lambda: ROD.hinged("end", axis=(0, 0, 1), moment=np.inf), "moment"),
     "force": (lambda: ROD.loaded(end=[1, 2]), "end.*shape"),
@@ -121,8 +121,8 @@ SOLVED_WRONG = {
         "distributed",
     ),
     "no segment left": (
-        Rod(LAW, [0.1, 0.1]).clamped("start", kind="two-node").clamped(
-            "end", (0.05, 0, 0.15), kind="two-node"
+        Rod(LAW, [0.1, 0.1]).clamped("start", clamp="segment").clamped(
+            "end", (0.05, 0, 0.15), clamp="segment"
         ),
         "free",
     ),
@@ -223,12 +223,12 @@ def test_absurd_loads_end_in_an_error_of_the_library(force):
         ls.equilibrate(rod.loaded(end=[force, 0.0, 0.0]))
 
 
-def test_two_node_clamps_out_of_reach():
+def test_clamps_of_segments_out_of_reach():
     """Their nodes are within reach of each other; those at the far ends of their segments are not."""
-    rod = rods.straight(1.0, 10, LAW).clamped("start", kind="two-node")
+    rod = rods.straight(1.0, 10, LAW).clamped("start", clamp="segment")
     away = Rotation.from_rotvec([np.pi, 0.0, 0.0])
-    rod = rod.clamped("end", (0.0, 0.3, 0.85), away, kind="two-node")
+    rod = rod.clamped("end", (0.0, 0.3, 0.85), away, clamp="segment")
     with pytest.raises(
-        InvalidInput, match=r"two-node clamps hold nodes 1 and 9 at a distance of 0\.9"
+        InvalidInput, match=r"clamps of segments hold nodes 1 and 9 at a distance of 0\.9"
     ):
         ls.equilibrate(rod)

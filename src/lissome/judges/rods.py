@@ -60,16 +60,16 @@ def buckling_distributed(claim: Claim, facts: Facts) -> list[Check]:
 @judge(
     "buckling-postcritical",
     value=number("largest difference of the tip from the boundary-value problem, extrapolated"),
-    node_clamp=number("the same at N = 100, two nodes fixed as in the thesis"),
-    good_clamp=number("the same at N = 100, second-order clamp"),
+    segment_clamp=number("the same at N = 100, two nodes fixed as in the thesis"),
+    node_clamp=number("the same at N = 100, clamp at the node"),
 )
 def buckling_postcritical(claim: Claim, facts: Facts) -> list[Check]:
     return [
         all_below("the extrapolated difference", facts["value"], 1e-6),
         holds(
             True,
-            f"at N = 100 it is {facts['node_clamp']:.2g} with two nodes fixed and "
-            f"{facts['good_clamp']:.2g} with the second-order clamp",
+            f"at N = 100 it is {facts['segment_clamp']:.2g} with two nodes fixed and "
+            f"{facts['node_clamp']:.2g} with the clamp at the node",
         ),
     ]
 

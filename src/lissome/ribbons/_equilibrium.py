@@ -91,7 +91,7 @@ class RibbonEquilibrium(RodEquilibrium):
             np.array(self.strains * spans[:, None]), spans, np.array(self.ruling),
             np.array(self.ruling_slope), folds, skeleton.before, skeleton.share,
             ribbon.layout.parameters, ribbon.layout.ribbon_width,
-            ribbon.hinge_multipliers(self.multipliers), values, rows, stress, np.zeros((0, 3, 3)),
+            ribbon._hinge_multipliers(self.multipliers), values, rows, stress, np.zeros((0, 3, 3)),
             np.empty((n, 4)), np.empty((0, 10)), 1,
         )  # fmt: skip
         return values, stress
@@ -126,7 +126,7 @@ class RibbonEquilibrium(RodEquilibrium):
         bending = np.array(self.strains[:, 0])
         largest = float(np.max(np.abs(bending)))
         if self.structure.closed:
-            bending = np.concatenate([bending, self.structure.sign * bending[:3]])
+            bending = np.concatenate([bending, self.structure._joint_sign * bending[:3]])
         if not largest or bending.size < 4:
             return np.zeros(max(bending.size - 3, 0))
         return np.abs(np.diff(bending, 3)) / (8.0 * largest)
@@ -250,7 +250,11 @@ class RibbonEquilibrium(RodEquilibrium):
         table = node_values(values, self.hinge_nodes, self.hinge_lengths, count)
         if ribbon.closed:  # the hinge of the joint is seen from the end
             table[-1] = table[0]
-            flip = np.array([ribbon.sign, ribbon.sign, 1.0]) if table.ndim == 2 else ribbon.sign
+            flip = (
+                np.array([ribbon._joint_sign, ribbon._joint_sign, 1.0])
+                if table.ndim == 2
+                else ribbon._joint_sign
+            )
             table[0] = table[0] * flip
         return table
 
@@ -306,7 +310,7 @@ class RibbonEquilibrium(RodEquilibrium):
         strain = np.nan_to_num(self._at_nodes(self.strains))
         slope = np.nan_to_num(self._at_nodes(self.ruling_slope))
         if ribbon.closed and ribbon.joint == "matched":
-            slope[0] = slope[-1] * ribbon.sign
+            slope[0] = slope[-1] * ribbon._joint_sign
         stretch = 1.0 + t * slope[:, None]
         if not law.has_fold:  # of no width: the curvature of the center line
             stretch = np.ones_like(stretch)

@@ -115,15 +115,15 @@ def _staggered(ribbon: Ribbon) -> _Stencils:
     mean[inner, 0], mean[inner, 1] = after / (before + after), before / (before + after)
     slope[:, 0], slope[:, 1] = -1.0 / plan.span, 1.0 / plan.span
     count, fixed, far = frames, {}, set()
-    for node, value in ribbon.prescribed:
+    for node, value in ribbon.clamped_rulings:
         fixed[_frame_of(ribbon, node)] = value
     if ribbon.rod.closed:
         if ribbon.joint == "free":
             where[-1, 1] = count
             count += 1
         else:
-            mean[-1, 1] *= ribbon.sign
-            slope[-1, 1] *= ribbon.sign
+            mean[-1, 1] *= ribbon._joint_sign
+            slope[-1, 1] *= ribbon._joint_sign
             if ribbon.pins_phase:
                 fixed[0] = 0.0
             else:
@@ -149,7 +149,7 @@ def _frame_of(ribbon: Ribbon, node: int) -> int:
         if support.frame is None:
             continue
         if support.node == node:
-            if support.clamp == "two-node":
+            if support.clamp == "segment":
                 return 0 if node == 0 else count - 1
             return count + index
         index += 1
@@ -193,11 +193,11 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
         """Return index and sign of a ruling; of those beyond the joint by the rule of the joint."""
         sign = 1.0
         if i > last:
-            i, sign = 0, ribbon.sign
+            i, sign = 0, ribbon._joint_sign
         elif i < 0:
-            i, sign = last, ribbon.sign
+            i, sign = last, ribbon._joint_sign
         if i == last and aliased:  # the inflection is in the middle of the first segment
-            return 0, -ribbon.sign * sign
+            return 0, -ribbon._joint_sign * sign
         return int(i), sign
 
     for i in range(n):
@@ -265,7 +265,7 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
         where = np.where(where >= 0, where * fine, -1)
         count = (n - 1) * fine + 1
     fixed: dict[int, float] = {}
-    for node, value in ribbon.prescribed:
+    for node, value in ribbon.clamped_rulings:
         for at in np.flatnonzero(layout.nodes == node):
             fixed[int(index[at]) * fine] = value
     if matched:
@@ -451,12 +451,12 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
 def derive(ribbon: Ribbon) -> Layout:
     """Return the layout of a ribbon; that of a ribbon with the same chain is used again."""
     rod_layout = ribbon.rod.layout
-    key = (ribbon.scheme, ribbon.law.has_fold, ribbon.joint, ribbon.pins_phase, ribbon.prescribed,
-           ribbon.sign)  # fmt: skip
-    skeleton: Skeleton | None = ribbon.shared.get("skeleton")
+    key = (ribbon.scheme, ribbon.law.has_fold, ribbon.joint, ribbon.pins_phase, ribbon.clamped_rulings,
+           ribbon._joint_sign)  # fmt: skip
+    skeleton: Skeleton | None = ribbon._shared.get("skeleton")
     if skeleton is None or skeleton.source is not rod_layout.skeleton or skeleton.key != key:
         skeleton = _make_skeleton(ribbon, key)
-        ribbon.shared["skeleton"] = skeleton
+        ribbon._shared["skeleton"] = skeleton
     plan = rod_layout.plan._replace(
         column=skeleton.frame_column, length=skeleton.length, first_angle=skeleton.first_angle
     )

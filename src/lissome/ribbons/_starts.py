@@ -67,7 +67,10 @@ def carried_over(ribbon: Ribbon, source: RibbonEquilibrium) -> tuple[RodState, A
     if old.closed:  # beyond the joint too
         where[-1] = length = ribbon.length
         where = np.concatenate([where[-2:] - length, where, where[:2] + length])
-        eta, fold = (np.concatenate([old.sign * v[-2:], v, old.sign * v[:2]]) for v in (eta, fold))
+        eta, fold = (
+            np.concatenate([old._joint_sign * v[-2:], v, old._joint_sign * v[:2]])
+            for v in (eta, fold)
+        )
     targets = np.array(ribbon.layout.arclength)
     if ribbon.closed:
         targets[-1] = ribbon.length

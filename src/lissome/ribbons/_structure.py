@@ -20,6 +20,7 @@ from ..factorization import ChainKKT
 from ..rods import Rod, RodState
 from ..rods import _kernel as rod_kernel
 from ..rods._corrector import fast_correction
+from ..rods._structure import check_state
 from ..rods.quaternions import conjugate, exponential, multiply
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
@@ -155,8 +156,8 @@ class Ribbon(BaseStructure):
     phase : bool
         Closed, uniform and unloaded ribbons: whether the ruling on the first segment is held normal to
         the center line, so that the pattern cannot travel along the band.
-    prescribed : tuple of (int, float)
-        Nodes of clamps whose ruling is given; see :meth:`clamped`.
+    clamped_rulings : tuple of (int, float)
+        Nodes of clamps whose ruling is given, with its parameter; see :meth:`clamped`.
     initial : RibbonState or RodState, optional
         Where solvers start.
 
@@ -185,7 +186,7 @@ class Ribbon(BaseStructure):
     half_turns: int = 0
     joint: str = "matched"
     phase: bool = True
-    prescribed: tuple[tuple[int, float], ...] = ()
+    clamped_rulings: tuple[tuple[int, float], ...] = ()
     initial: Any = None
 
     def __post_init__(self) -> None:
@@ -223,14 +224,14 @@ class Ribbon(BaseStructure):
         if not isinstance(self.phase, bool):
             raise InvalidInput(f"argument `phase` is {self.phase!r}; pass True or False")
         framed = {support.node for support in self.rod.supports if support.frame is not None}
-        for node, value in self.prescribed:
+        for node, value in self.clamped_rulings:
             if node not in framed:
                 raise InvalidInput(
-                    f"argument `prescribed` names node {node}, which is not clamped; use "
+                    f"argument `clamped_rulings` names node {node}, which is not clamped; use "
                     "clamped(..., ruling=...)"
                 )
-            finite("prescribed", value)
-        _check_prescribed(self.law, self.prescribed)
+            finite("clamped_rulings", value)
+        _check_prescribed(self.law, self.clamped_rulings)
         if self.initial is None:
             object.__setattr__(self, "initial", self.rod.initial)
 
@@ -265,13 +266,13 @@ class Ribbon(BaseStructure):
         new = object.__new__(Ribbon)
         for item in fields(self):
             object.__setattr__(new, item.name, changes.get(item.name, getattr(self, item.name)))
-        new.__dict__["shared"] = self.shared
+        new.__dict__["_shared"] = self._shared
         if new.has_moments:
             new._check_moments()
         return new
 
     @cached_property
-    def shared(self) -> dict[str, Any]:
+    def _shared(self) -> dict[str, Any]:
         """What was derived last for this ribbon or one made from it, with what it was derived from."""
         return {}
 
@@ -282,14 +283,14 @@ class Ribbon(BaseStructure):
         where: str | int,
         position: Any = None,
         frame: Any = None,
-        kind: str = "half",
+        clamp: str = "node",
         ruling: float | None = None,
     ) -> Ribbon:
         """Return this ribbon with position and frame of a node prescribed.
 
         Parameters
         ----------
-        where, position, frame, kind
+        where, position, frame, clamp
             As of :meth:`lissome.rods.Rod.clamped`.
         ruling : float, optional
             Ruling parameter at the clamp; 0 is a straight jaw across the strip. Free by default: only
@@ -300,13 +301,13 @@ class Ribbon(BaseStructure):
         InvalidInput
             If there is no such node, or a value is not of the right kind.
         """
-        rod = self.rod.clamped(where, position, frame, kind)
+        rod = self.rod.clamped(where, position, frame, clamp)
         node = rod._node(where)
-        kept = [p for p in self.prescribed if p[0] != node]
+        kept = [p for p in self.clamped_rulings if p[0] != node]
         if ruling is not None:
             _check_prescribed(self.law, ((node, ruling),))
             kept.append((node, finite("ruling", ruling)))
-        return self._with(rod=rod, prescribed=tuple(sorted(kept)))
+        return self._with(rod=rod, clamped_rulings=tuple(sorted(kept)))
 
     def pinned(self, where: str | int, position: Any = None) -> Ribbon:
         """Return this ribbon with the position of a node prescribed.
@@ -343,7 +344,9 @@ class Ribbon(BaseStructure):
 
     def _changed(self, rod: Rod, where: str | int) -> Ribbon:
         node = rod._node(where)
-        return self._with(rod=rod, prescribed=tuple(p for p in self.prescribed if p[0] != node))
+        return self._with(
+            rod=rod, clamped_rulings=tuple(p for p in self.clamped_rulings if p[0] != node)
+        )
 
     def loaded(self, *args: Any, **kwargs: Any) -> Ribbon:
         """Return this ribbon under dead loads.
@@ -359,7 +362,7 @@ class Ribbon(BaseStructure):
         """Return this ribbon with another `law`."""
         _check_law(law)
         self._check_width(law)
-        _check_prescribed(law, self.prescribed)
+        _check_prescribed(law, self.clamped_rulings)
         return self._with(law=law)
 
     def with_width(self, width: float) -> Ribbon:
@@ -390,7 +393,7 @@ class Ribbon(BaseStructure):
 
     def with_initial(self, state: RodState) -> Ribbon:
         """Return this ribbon with another starting `state`."""
-        _check_state("state", state, self.lengths.size)
+        check_state("state", state, self.lengths.size, "ribbon")
         return self._with(initial=state)
 
     # ---- what it shares with its rod ---------------------------------------------------------------
@@ -431,9 +434,9 @@ class Ribbon(BaseStructure):
         return None
 
     @property
-    def couples(self) -> list[tuple[int, Array, Array]]:
+    def _couples(self) -> list[tuple[int, Array, Array]]:
         """Segments, forces and arms of the couples."""
-        return self.rod.couples
+        return self.rod._couples
 
     def _node(self, where: str | int) -> int:
         return self.rod._node(where)
@@ -442,16 +445,15 @@ class Ribbon(BaseStructure):
         """Return the positions of the nodes in `state`, shape (N + 1, 3)."""
         return self.rod.positions(state)
 
-    def frames(self, state: RodState) -> Array:
-        """Return the frames of segments and supports in `state`, shape (K, 4): quaternions, scalar first."""
-        return self.rod.frames(state)
+    def _frames(self, state: RodState) -> Array:
+        return self.rod._frames(state)
 
-    def strain_densities(self, state: RodState) -> Array:
+    def strains(self, state: RodState) -> Array:
         """Return the strain densities of the hinges in `state`, shape (n, 3)."""
-        return self.rod.strain_densities(state)
+        return self.rod.strains(state)
 
     @property
-    def sign(self) -> float:
+    def _joint_sign(self) -> float:
         """What rulings are multiplied by across the joint: -1 for an odd number of half turns."""
         return -1.0 if self.half_turns % 2 else 1.0
 
@@ -539,7 +541,7 @@ class Ribbon(BaseStructure):
         InvalidInput
             If the state is of another mesh, scheme or kind of joint.
         """
-        _check_state("start", state, self.lengths.size)
+        check_state("start", state, self.lengths.size, "ribbon")
         skeleton = self.layout.skeleton
         n = self.layout.nodes.size
         folds = n if self.has_folds else 0
@@ -570,7 +572,7 @@ class Ribbon(BaseStructure):
         if not self.closed:
             return
         plan = self.layout.plan
-        frames = self.rod.frames(state)
+        frames = self.rod._frames(state)
         q = multiply(conjugate(frames[plan.left]), frames[plan.right])
         joint = np.array(plan.twist)
         joint[joint[:, 1] == 0.0, 0] = 1.0  # hinges without a turn
@@ -585,7 +587,7 @@ class Ribbon(BaseStructure):
     def _estimated(self, state: RodState) -> RibbonState:
         """Return the state with the rulings that its strains tell, as far as they do."""
         skeleton = self.layout.skeleton
-        strain = self.rod.strain_densities(state)
+        strain = self.rod.strains(state)
         bend, twist = strain[:, 0], strain[:, 2]
         size = float(np.sqrt(np.mean(bend**2))) or 1.0
         eta = bend * twist / (bend**2 + (0.1 * size) ** 2)
@@ -747,7 +749,7 @@ class Ribbon(BaseStructure):
 
     # ---- energy ----------------------------------------------------------------------------------
 
-    def hinge_multipliers(self, multipliers: Array) -> Array:
+    def _hinge_multipliers(self, multipliers: Array) -> Array:
         """Return the hinges' part of `multipliers`, shape (n, 3): of kappa_2, kappa_3 and the fold."""
         n = self.layout.nodes.size
         inner = np.asarray(multipliers, dtype=float)[self.layout.plan.rows.shape[0] :]
@@ -766,11 +768,11 @@ class Ribbon(BaseStructure):
         layout = self.layout
         skeleton, plan = layout.skeleton, layout.plan
         n, m = plan.left.size, plan.rows.shape[0]
-        frames = self.rod.frames(state)
+        frames = self.rod._frames(state)
         q, kappa = np.empty((n, 4)), np.empty((n, 3))
         rod_kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
         eta, slope = self._rulings_at_hinges(state.rulings)
-        inner = self.hinge_multipliers(multipliers)
+        inner = self._hinge_multipliers(multipliers)
         if self.has_moments:
             return self._evaluate_moments(state, multipliers, order, frames, q, kappa, eta, slope)
         folds = np.array(state.folds) if self.law.has_fold else np.zeros(n)
@@ -975,7 +977,7 @@ class Ribbon(BaseStructure):
         found = self.rod.diagnose(state)
         if found:
             return found
-        bending = np.abs(self.rod.strain_densities(state)[:, 0])
+        bending = np.abs(self.rod.strains(state)[:, 0])
         flat = bending <= 1e-9 * max(float(bending.max()), 1e-3 / self.length)
         runs = np.flatnonzero(flat[1:] & flat[:-1])
         if runs.size:
@@ -1008,16 +1010,4 @@ def _check_prescribed(law: RibbonLaw, prescribed: tuple[tuple[int, Any], ...]) -
         raise InvalidInput(
             f"argument `ruling` is {value!r} at node {node}; the Sadowsky law has no condition on rulings "
             "at a clamp: use Wunderlich, or clamp without `ruling`"
-        )
-
-
-def _check_state(name: str, state: Any, count: int) -> None:
-    if not isinstance(state, RodState):
-        raise InvalidInput(
-            f"argument `{name}` is of type {type(state).__name__}; pass a RibbonState, for example the "
-            "state of an equilibrium"
-        )
-    if state.quaternions.shape[0] != count:
-        raise InvalidInput(
-            f"argument `{name}` has {state.quaternions.shape[0]} segments; the ribbon has {count}"
         )

@@ -144,7 +144,7 @@ class RodEquilibrium(Equilibrium):
     @cached_property
     def strains(self) -> Array:
         """Strain densities of the hinges, shape (n, 3)."""
-        return self.structure.strain_densities(self.state)
+        return self.structure.strains(self.state)
 
     @cached_property
     def _coupling(self) -> Coupling | None:
@@ -172,7 +172,7 @@ class RodEquilibrium(Equilibrium):
         """Moment of what is beyond each hinge on what is before, in space, shape (n, 3)."""
         rod = self.structure
         plan = rod.layout.plan
-        frames = rod.frames(self.state)
+        frames = rod._frames(self.state)
         q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
         _kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
         stress = np.array(self.moments)
@@ -416,7 +416,7 @@ class RodEquilibrium(Equilibrium):
         plan, count = rod.layout.plan, rod.lengths.size
         here = np.flatnonzero(rod.layout.nodes == support.node)
         moment = np.zeros(3)
-        if support.clamp == "half":
+        if support.clamp == "node":
             for i in here:  # a clamp before its segment feels what is beyond, and the reverse
                 left = plan.left[i] < count
                 moment += self.moment_vectors[i] if left else -self.moment_vectors[i]
@@ -430,7 +430,7 @@ class RodEquilibrium(Equilibrium):
         beside = (plan.right if not start else plan.left) == j
         moment += sign * self.moment_vectors[beside].sum(axis=0)
         moment += sign * np.cross(step, self.forces[j]) * (1.0 if start else -1.0)
-        for k, force, arm in rod.couples:
+        for k, force, arm in rod._couples:
             if k == j:
                 moment -= np.cross(rotate(self.state.quaternions[j], arm), force)
         return moment
@@ -440,5 +440,5 @@ def _total_twist(rod: Rod, state: RodState) -> float:
     """Return the total twist, in turns."""
     plan = rod.layout.plan
     q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
-    _kernel.hinge_rotations(rod.frames(state), plan.left, plan.right, plan.twist, q, kappa)
+    _kernel.hinge_rotations(rod._frames(state), plan.left, plan.right, plan.twist, q, kappa)
     return results.total_twist(q)

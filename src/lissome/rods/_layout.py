@@ -125,7 +125,8 @@ def key_of(rod: Rod) -> tuple[Any, ...]:
         (s.node, s.kind, s.clamp, s.frame is None, tuple(v is None for v in s.position))
         for s in rod.supports
     )
-    return rod.closed, rod.joint, rod.extensible, rod.coupled, supports, rod.held, rod.pinned_phase
+    phase = rod.phase if rod.pins_phase else None
+    return rod.closed, rod.joint, rod.extensible, rod._stretch_in_law, supports, rod.held, phase
 
 
 def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
@@ -135,7 +136,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
     index = {s.node: count + i for i, s in enumerate(frames)}
     hinged = np.array([i for i, s in enumerate(frames) if s.kind == "hinged"], dtype=np.int64)
     segment_of = {
-        (0 if s.node == 0 else count - 1): i for i, s in enumerate(frames) if s.clamp == "two-node"
+        (0 if s.node == 0 else count - 1): i for i, s in enumerate(frames) if s.clamp == "segment"
     }
 
     # hinges: those between segments, those at frames of supports, that at the joint
@@ -145,7 +146,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
     extra: list[tuple[int, int, float, int]] = []
     for support in frames:
         node = support.node
-        if support.clamp == "two-node":
+        if support.clamp == "segment":
             continue
         f = index[node]
         before = (node - 1) % count if rod.closed else node - 1
@@ -213,11 +214,11 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
         rows += [(k, held[0], node) for node in held[1:]]
         row_nodes += held[1:]
     phase, normal = np.zeros(count), np.zeros(3)
-    if rod.pinned_phase is not None:
+    if rod.pins_phase and rod.phase is not None:
         rows.append((3, 0, count))
         row_nodes.append(-1)
         middle = 0.5 * (rod.arclength[:-1] + rod.arclength[1:])
-        phase = np.sin(2.0 * math.pi * rod.pinned_phase * (middle - middle[0]) / rod.length)
+        phase = np.sin(2.0 * math.pi * rod.phase * (middle - middle[0]) / rod.length)
         try:
             normal = np.array(plane_normal(rod))
         except InvalidInput:  # any direction across the first segment will do
@@ -255,7 +256,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
         chain=ChainLayout(length, np.arange(place), np.arange(place, place + m), border),
         length=length,
         first_angle=first_angle,
-        width=7 if rod.coupled else 6 if extensible else 5,
+        width=7 if rod._stretch_in_law else 6 if extensible else 5,
         border=border,
         metric=metric,
         segment_of=segment_of,
@@ -265,7 +266,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
 def derive(rod: Rod) -> Layout:
     """Give the skeleton of a rod its values, and refuse what has no equilibrium."""
     key = key_of(rod)
-    skeleton: Skeleton | None = rod.shared.get("skeleton")
+    skeleton: Skeleton | None = rod._shared.get("skeleton")
     if (
         skeleton is None
         or skeleton.lengths is not rod.lengths
@@ -273,7 +274,7 @@ def derive(rod: Rod) -> Layout:
         or skeleton.key != key
     ):
         skeleton = make_skeleton(rod, key)
-        rod.shared["skeleton"] = skeleton
+        rod._shared["skeleton"] = skeleton
     count = rod.lengths.size
     frames = [s for s in rod.supports if s.frame is not None]
     fixed = np.array([s.frame for s in frames]).reshape(-1, 4)
@@ -308,9 +309,9 @@ def derive(rod: Rod) -> Layout:
     ).reshape(-1, 7)
     varies = getattr(rod.law, "count", None) is not None
     law = rod.law.at(skeleton.nodes) if varies else rod.law
-    compiled = getattr(law, "kernel", None) is not None and not rod.coupled
+    compiled = getattr(law, "kernel", None) is not None and not rod._stretch_in_law
     cells = None
-    if rod.coupled:
+    if rod._stretch_in_law:
         held = {s.node for s in frames} | ({0, count} if rod.closed else set())
         cells = make_cells(
             rod.law, rod.lengths, skeleton.left, skeleton.right, skeleton.nodes, held
@@ -335,7 +336,7 @@ def derive(rod: Rod) -> Layout:
         moments=moments,
         length=skeleton.length,
         first_angle=skeleton.first_angle,
-        stiffness=(0.0 if rod.coupled else -1.0)
+        stiffness=(0.0 if rod._stretch_in_law else -1.0)
         if rod.stretching is None
         else float(rod.stretching),
     )
@@ -355,7 +356,7 @@ def derive(rod: Rod) -> Layout:
 
 def plane_normal(rod: Rod) -> Array:
     """Return the unit normal of a plane closed rod, which it circles counterclockwise."""
-    found: tuple[Any, Any, Array] | None = rod.shared.get("normal")
+    found: tuple[Any, Any, Array] | None = rod._shared.get("normal")
     if found is not None and found[0] is rod.initial and found[1] is rod.lengths:
         return found[2]
     nodes = rod.positions(rod.initial)[:-1]
@@ -370,7 +371,7 @@ def plane_normal(rod: Rod) -> Array:
             "curvatures with `with_natural`"
         )
     normal.flags.writeable = False
-    rod.shared["normal"] = (rod.initial, rod.lengths, normal)
+    rod._shared["normal"] = (rod.initial, rod.lengths, normal)
     return normal
 
 
@@ -397,7 +398,7 @@ def _check_natural(rod: Rod, skeleton: Skeleton) -> None:
 
 def _forces(rod: Rod, anchors: tuple[int | None, ...]) -> tuple[Array, Array, Array | None]:
     """Return dead forces on the nodes, those in the segments, and their sum if it is not zero."""
-    found: tuple[Any, ...] | None = rod.shared.get("dead")
+    found: tuple[Any, ...] | None = rod._shared.get("dead")
     if found is not None:
         loads, lengths, nodes, closed, result = found
         if (
@@ -410,7 +411,7 @@ def _forces(rod: Rod, anchors: tuple[int | None, ...]) -> tuple[Array, Array, Ar
     dead = _dead_forces(forces, anchors)
     total = np.sum(forces, axis=0)
     result = (forces, dead, total if np.any(total) else None)
-    rod.shared["dead"] = (rod.loads, rod.lengths, anchors, rod.closed, result)
+    rod._shared["dead"] = (rod.loads, rod.lengths, anchors, rod.closed, result)
     return result
 
 
@@ -468,15 +469,15 @@ def check_reach(rod: Rod) -> None:
 
 
 def _check_reach_of_segments(rod: Rod) -> None:
-    """Refuse two-node clamps whose far nodes are farther apart than the rod between them is long."""
-    if not any(s.clamp == "two-node" for s in rod.supports):
+    """Refuse clamps of segments whose far nodes are farther apart than the rod between them is long."""
+    if not any(s.clamp == "segment" for s in rod.supports):
         return
     places = []
     for support in rod.supports:
         if None in support.position:
             continue
         node, place = support.node, np.array(support.position)
-        if support.clamp == "two-node" and support.frame is not None:
+        if support.clamp == "segment" and support.frame is not None:
             start = node == 0
             rest = rod.lengths[0 if start else -1] * (1.0 if start else -1.0)
             place = place + rotate(support.frame, [0.0, 0.0, rest])
@@ -484,13 +485,13 @@ def _check_reach_of_segments(rod: Rod) -> None:
         places.append((node, place, support))
     for i, (m, p, a) in enumerate(places):
         for n, q, b in places[:i]:
-            if a.clamp != "two-node" and b.clamp != "two-node":
+            if a.clamp != "segment" and b.clamp != "segment":
                 continue
             distance = float(np.linalg.norm(p - q))
             reach = float(rod.arclength[m] - rod.arclength[n])
             if distance > reach * (1.0 - REACH) and reach > 0.0:
                 raise InvalidInput(
-                    f"the two-node clamps hold nodes {n} and {m} at a distance of {distance:.9g}, and "
+                    f"the clamps of segments hold nodes {n} and {m} at a distance of {distance:.9g}, and "
                     f"the rod between them is {reach:.9g} long: it is inextensible; bring the supports "
                     "nearer, turn their frames, or give the rod a `stretching` stiffness"
                 )

@@ -26,7 +26,7 @@ def neutral_rotations(rod: Rod, state: RodState) -> Array:
     """
     layout = rod.layout
     plan = layout.plan
-    frames = rod.frames(state)
+    frames = rod._frames(state)
     basis = _neutral_motions(rod, state, frames)
     rows = np.zeros((basis.shape[0], rod.size))
     if not basis.size:
@@ -70,7 +70,7 @@ def _neutral_motions(rod: Rod, state: RodState, frames: Array) -> Array:
     loads = np.unique(plan.dead, axis=0)
     for force in loads[np.any(loads != 0.0, axis=1)]:
         conditions.append(along(force / np.linalg.norm(force)))
-    for _, force, arm in rod.couples:
+    for _, force, arm in rod._couples:
         # Other turns than those about the force are neutral to first order at best.
         conditions.append(along(force / np.linalg.norm(force)))
         if np.any(arm[:2]):

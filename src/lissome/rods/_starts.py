@@ -79,7 +79,7 @@ def _excess_angles(rod: Rod, state: RodState) -> tuple[Array, Array, Array]:
     """Return frames, rotations of the hinges, and their rotation vectors beyond the natural ones."""
     plan = rod.layout.plan
     n = plan.left.size
-    frames = rod.frames(state)
+    frames = rod._frames(state)
     q, vector = np.empty((n, 4)), np.empty((n, 3))
     _kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, vector)
     size = np.sqrt(np.sum(q[:, 1:] ** 2, axis=1))
@@ -165,7 +165,7 @@ def _unstressed(rod: Rod, state: RodState) -> ChainKKT:
     n = plan.left.size
     stiffness = np.ascontiguousarray(np.broadcast_to(np.eye(3), (n, 3, 3)))
     m = plan.rows.shape[0]
-    frames = rod.frames(state)
+    frames = rod._frames(state)
     q, kappa = np.empty((n, 4)), np.empty((n, 3))
     _kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
     band = np.empty((plan.length, layout.width + 1))

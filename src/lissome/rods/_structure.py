@@ -234,7 +234,7 @@ class Rod(BaseStructure):
         if self.phase is not None:
             object.__setattr__(self, "phase", integer_at_least("phase", self.phase, 2))
         initial = self._natural_shape() if self.initial is None else self.initial
-        _check_state("initial", initial, count)
+        check_state("initial", initial, count)
         object.__setattr__(self, "initial", initial)
 
     def _natural_shape(self) -> RodState:
@@ -253,11 +253,11 @@ class Rod(BaseStructure):
         new = object.__new__(Rod)
         for item in fields(self):
             object.__setattr__(new, item.name, changes.get(item.name, getattr(self, item.name)))
-        new.__dict__["shared"] = self.shared
+        new.__dict__["_shared"] = self._shared
         return new
 
     @cached_property
-    def shared(self) -> dict[str, Any]:
+    def _shared(self) -> dict[str, Any]:
         """What was derived last for this rod or one made from it, with what it was derived from."""
         return {}
 
@@ -307,7 +307,7 @@ class Rod(BaseStructure):
         return multiply(frames[-1], half)
 
     def clamped(
-        self, where: str | int, position: Any = None, frame: Any = None, kind: str = "half"
+        self, where: str | int, position: Any = None, frame: Any = None, clamp: str = "node"
     ) -> Rod:
         """Return this rod with position and frame of a node prescribed.
 
@@ -320,9 +320,10 @@ class Rod(BaseStructure):
         frame : Rotation, array_like (3, 3) or (4,), optional
             Frame of the node: a scipy Rotation, the directors as rows, or a quaternion (scalar
             first); by default as it is at rest.
-        kind : {"half", "two-node"}
-            "half": the frame holds the adjacent segment through a hinge of half its length; second
-            order. "two-node" (ends only): it is the frame of the adjacent segment; first order.
+        clamp : {"node", "segment"}
+            What has the frame. "node": the node, which holds the adjacent segments through hinges of
+            half their lengths; second order. "segment" (ends only; that of the thesis): the adjacent
+            segment itself, so that two nodes are fixed; first order.
 
         Raises
         ------
@@ -330,19 +331,19 @@ class Rod(BaseStructure):
             If the node does not exist or a frame is not orthonormal.
         """
         node = self._node(where)
-        one_of("kind", kind, ("half", "two-node"))
-        if kind == "two-node" and (self.closed or 0 < node < self.lengths.size):
+        one_of("clamp", clamp, ("node", "segment"))
+        if clamp == "segment" and (self.closed or 0 < node < self.lengths.size):
             raise InvalidInput(
-                "argument `kind` is 'two-node'; only the ends of a rod have such clamps"
+                "argument `clamp` is 'segment'; only the ends of a rod have such clamps"
             )
         place = self._position_at_rest(node) if position is None else as_position(position)
         if frame is not None:
             quaternion = as_frame(frame)
-        elif kind == "half":
+        elif clamp == "node":
             quaternion = self._frame_at_rest(node)
         else:
             quaternion = self.initial.quaternions[0 if node == 0 else -1].copy()
-        return self._supported(Support(node, "clamped", place, _frozen(quaternion), kind))
+        return self._supported(Support(node, "clamped", place, _frozen(quaternion), clamp))
 
     def pinned(self, where: str | int, position: Any = None) -> Rod:
         """Return this rod with the position of a node prescribed, and its frame free.
@@ -391,7 +392,7 @@ class Rod(BaseStructure):
         direction = as_direction("axis", axis)
         return self._supported(
             Support(
-                node, "hinged", place, _frozen(quaternion), "half", _frozen(direction),
+                node, "hinged", place, _frozen(quaternion), "node", _frozen(direction),
                 finite("moment", moment),
             )
         )  # fmt: skip
@@ -547,11 +548,11 @@ class Rod(BaseStructure):
         value = finite("overcurvature", overcurvature)
         if not self.closed:
             raise InvalidInput("only a closed rod has an overcurvature; pass natural curvatures")
-        found = self.shared.get("body normal")
+        found = self._shared.get("body normal")
         if found is None or found[0] is not self.initial:
             normal = plane_normal(self)
             found = (self.initial, rotate(conjugate(self.initial.quaternions), normal))
-            self.shared["body normal"] = found
+            self._shared["body normal"] = found
         body = found[1]
         if np.max(np.abs(body - body[0])) > 1e-6:
             raise InvalidInput(
@@ -593,7 +594,7 @@ class Rod(BaseStructure):
 
     def with_initial(self, state: RodState) -> Rod:
         """Return this rod with another starting `state`. Supports stay where they are."""
-        return self._with(initial=_check_state("state", state, self.lengths.size))
+        return self._with(initial=check_state("state", state, self.lengths.size))
 
     # ---- geometry ------------------------------------------------------------------------------
 
@@ -621,26 +622,26 @@ class Rod(BaseStructure):
         return self.closed and not self.supports and self.loads.empty
 
     @property
-    def coupled(self) -> bool:
+    def _stretch_in_law(self) -> bool:
         """Whether the stretch is a strain of the law."""
         return len(self.law.strains) == 4
 
     @property
     def extensible(self) -> bool:
         """Whether segments change their length."""
-        return self.stretching is not None or self.coupled
+        return self.stretching is not None or self._stretch_in_law
 
     @cached_property
-    def pinned_phase(self) -> int | None:
-        """Number of lobes whose place is pinned; None where nothing is."""
+    def pins_phase(self) -> bool:
+        """Whether the place of the lobes of a closed rod is pinned; see :meth:`with_phase`."""
         if self.phase is None or not self.held or getattr(self.law, "count", None) is not None:
-            return None
+            return False
         natural = self.natural
         uniform = bool(np.ptp(self.lengths) <= 1e-12 * self.lengths[0]) and (
             bool(np.all(natural == natural[0]))
             or bool(np.all(np.ptp(natural, axis=0) <= 1e-12 * np.max(np.abs(natural))))
         )
-        return self.phase if uniform and self.lengths.size > 2 * self.phase else None
+        return uniform and self.lengths.size > 2 * self.phase
 
     # ---- the derived layout --------------------------------------------------------------------
 
@@ -666,7 +667,7 @@ class Rod(BaseStructure):
         out = []
         for node, row in zip(self.layout.row_nodes, self.layout.plan.rows, strict=True):
             if row[0] == 3:
-                out.append(f"phase of {self.pinned_phase} lobes")
+                out.append(f"phase of {self.phase} lobes")
                 continue
             axis = "xyz"[int(row[0])]
             out.append(f"closure along {axis}" if node < 0 else f"{axis} of node {int(node)}")
@@ -690,7 +691,7 @@ class Rod(BaseStructure):
         rest = np.array(
             [
                 self._frame_at_rest(s.node)
-                if s.clamp == "half"
+                if s.clamp == "node"
                 else self.initial.quaternions[0 if s.node == 0 else -1]
                 for s in given
             ]
@@ -707,7 +708,7 @@ class Rod(BaseStructure):
         Where prescribed frames have turned since the state was made, the turn is spread over the
         rod between them, linearly in arc length.
         """
-        _check_state("start", state, self.lengths.size)
+        check_state("start", state, self.lengths.size)
         layout = self.layout
         quaternions = state.quaternions
         now = layout.fixed
@@ -745,7 +746,7 @@ class Rod(BaseStructure):
                     origin[k] = anchor[1] - places[anchor[0], k]
         return _state(quaternions, origin, stretches, angles, now)
 
-    def frames(self, state: RodState) -> Array:
+    def _frames(self, state: RodState) -> Array:
         """Return the frames of segments and supports in `state`, shape (K, 4): quaternions, scalar first."""
         layout = self.layout
         if not layout.fixed.shape[0]:
@@ -759,7 +760,7 @@ class Rod(BaseStructure):
     def retract(self, state: RodState, dx: Array) -> RodState:
         """Return the state after the body increments `dx`."""
         plan = self.layout.plan
-        frames = self.frames(state)
+        frames = self._frames(state)
         new, stretches = np.empty_like(frames), np.empty_like(state.stretches)
         angles = np.array(state.angles)
         dx = np.array(dx, dtype=float)
@@ -804,7 +805,7 @@ class Rod(BaseStructure):
         """Return the fraction of `dx` at which no hinge turns past pi and no segment vanishes."""
         plan = self.layout.plan
         q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
-        _kernel.hinge_rotations(self.frames(state), plan.left, plan.right, plan.twist, q, kappa)
+        _kernel.hinge_rotations(self._frames(state), plan.left, plan.right, plan.twist, q, kappa)
         dx = np.array(dx, dtype=float)
         return float(
             _kernel.largest_step(
@@ -863,11 +864,11 @@ class Rod(BaseStructure):
 
     # ---- energy --------------------------------------------------------------------------------
 
-    def strain_densities(self, state: RodState) -> Array:
+    def strains(self, state: RodState) -> Array:
         """Return the strain densities of the hinges in `state`, shape (n, 3), natural strains included."""
         plan = self.layout.plan
         q, strain = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
-        _kernel.hinge_rotations(self.frames(state), plan.left, plan.right, plan.twist, q, strain)
+        _kernel.hinge_rotations(self._frames(state), plan.left, plan.right, plan.twist, q, strain)
         if self.measure != "sine":
             measure_all(CODES[self.measure], q, strain)
         return strain / plan.span[:, None]
@@ -887,7 +888,7 @@ class Rod(BaseStructure):
             raise InvalidInput(
                 f"the state has {state.quaternions.shape[0]} segments; this rod has {count}"
             )
-        frames = self.frames(state)
+        frames = self._frames(state)
         q, strain = np.empty((n, 4)), np.empty((n, 3))
         _kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, strain)
         other = self.measure != "sine"
@@ -1021,7 +1022,7 @@ class Rod(BaseStructure):
         """Return the remedy if a hinge of `state` turns by more than 150 degrees, else None."""
         plan = self.layout.plan
         q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
-        _kernel.hinge_rotations(self.frames(state), plan.left, plan.right, plan.twist, q, kappa)
+        _kernel.hinge_rotations(self._frames(state), plan.left, plan.right, plan.twist, q, kappa)
         i = int(np.argmin(q[:, 0]))
         if q[i, 0] >= math.cos(0.5 * SHARP):
             return None
@@ -1031,7 +1032,7 @@ class Rod(BaseStructure):
         )
 
     @property
-    def couples(self) -> list[tuple[int, Array, Array]]:
+    def _couples(self) -> list[tuple[int, Array, Array]]:
         """Segments, forces and arms (along the directors) of the couples."""
         return [(int(row[0]), row[1:4], row[4:7]) for row in self.layout.plan.arms]
 
@@ -1076,14 +1077,15 @@ def _check_stretching(law: Any, stretching: float) -> None:
         )
 
 
-def _check_state(name: str, state: Any, count: int) -> RodState:
+def check_state(name: str, state: Any, count: int, what: str = "rod") -> RodState:
+    """Return `state`, argument `name`, if it is that of a `what` with `count` segments."""
     if not isinstance(state, RodState):
         raise InvalidInput(
-            f"argument `{name}` is of type {type(state).__name__}; pass a RodState, for example the "
-            "state of an equilibrium"
+            f"argument `{name}` is of type {type(state).__name__}; pass a {what.capitalize()}State, for "
+            "example the state of an equilibrium"
         )
     if state.quaternions.shape[0] != count:
         raise InvalidInput(
-            f"argument `{name}` has {state.quaternions.shape[0]} segments; the rod has {count}"
+            f"argument `{name}` has {state.quaternions.shape[0]} segments; the {what} has {count}"
         )
     return state

@@ -63,7 +63,7 @@ class CenterlineTwist(BaseStructure):
     Parameters
     ----------
     rod : Rod
-        An open rod. Its ends and nodes may be free, pinned or clamped; a two-node clamp prescribes
+        An open rod. Its ends and nodes may be free, pinned or clamped; a clamped segment prescribes
         all three components of its position.
 
     Raises
@@ -100,10 +100,10 @@ class CenterlineTwist(BaseStructure):
                     f"argument `rod` has a hinged support at node {support.node}; the "
                     "centerline-twist representation here knows free, pinned and clamped nodes"
                 )
-            if support.clamp == "two-node" and None in support.position:
+            if support.clamp == "segment" and None in support.position:
                 raise InvalidInput(
-                    f"argument `rod` has a two-node clamp at node {support.node} with a free component "
-                    "of its position; prescribe all three, or use a clamp of the kind 'half'"
+                    f"argument `rod` has a clamped segment at node {support.node} with a free component "
+                    "of its position; prescribe all three, or clamp the node (clamp='node')"
                 )
         _ = self.places
 

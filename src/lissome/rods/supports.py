@@ -39,9 +39,9 @@ class Support:
         Prescribed components of the position; None where it is free.
     frame : ndarray (4,) or None
         Prescribed frame, a unit quaternion, scalar first; that at the angle zero if hinged.
-    clamp : {"half", "two-node"}
-        How the frame holds the rod: through a hinge of half a segment's length (second order), or as
-        the frame of the adjacent segment itself (first order; the clamp of the thesis).
+    clamp : {"node", "segment"}
+        What has the frame: the node, which holds the rod through hinges of half a segment's length
+        (second order), or the adjacent segment itself (first order; the clamp of the thesis).
     axis : ndarray (3,) or None
         Spatial unit vector that a hinged frame turns about.
     moment : float
@@ -62,7 +62,7 @@ class Support:
     kind: str
     position: tuple[float | None, float | None, float | None]
     frame: Array | None = None
-    clamp: str = "half"
+    clamp: str = "node"
     axis: Array | None = None
     moment: float = 0.0
 
