@@ -18,6 +18,15 @@ True
 """
 
 from .actuation import SpontaneousHistory, spontaneous_history
+from .conduction import (
+    Conduction,
+    Convection,
+    FixedTemperature,
+    HeatFlux,
+    Insulated,
+    TemperatureHistory,
+    TemperatureProfile,
+)
 from .directors import (
     Defect,
     DirectedTensor,
@@ -35,16 +44,7 @@ from .films import (
     film_region,
     measured_film_curve,
 )
-from .heat import (
-    Conduction,
-    Convection,
-    FixedTemperature,
-    HeatFlux,
-    Insulated,
-    TemperatureHistory,
-    TemperatureProfile,
-)
-from .heating import HeatedPlate
+from .heated_plate import HeatedPlate
 from .laminate import Laminate, Layer, Spontaneous
 from .leap import (
     Flight,

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from .._validate import finite_array, one_of
 from ..errors import InvalidInput
-from .heat import TemperatureHistory
+from .conduction import TemperatureHistory
 from .laminate import Laminate, Spontaneous
 
 __all__ = ["SpontaneousHistory", "spontaneous_history"]

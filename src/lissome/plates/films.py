@@ -22,7 +22,7 @@ from .. import literature
 from .._validate import finite, one_of
 from ..errors import InvalidInput
 from .actuation import spontaneous_history
-from .heat import Conduction, FixedTemperature, Insulated, TemperatureHistory
+from .conduction import Conduction, FixedTemperature, Insulated, TemperatureHistory
 from .laminate import Laminate, Layer
 from .thermal_strain import SigmoidCurve, StrainCurve, TabulatedCurve, fit_sigmoid
 

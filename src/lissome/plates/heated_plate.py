@@ -19,9 +19,9 @@ from ..equilibrium import Equilibrium, equilibrate
 from ..errors import InvalidInput
 from ..evolution import History, Outputs
 from ._quasistatic import PlateRun
+from .conduction import TemperatureHistory
 from .directors import Defect, Director, require_inside
 from .fvk import Plate, PlateState
-from .heat import TemperatureHistory
 from .laminate import Laminate, Spontaneous
 
 __all__ = ["HeatedPlate"]

@@ -20,7 +20,7 @@ from lissome.plates import (
     Laminate,
     Layer,
 )
-from lissome.plates.heat import _A, _ERROR
+from lissome.plates.conduction import _A, _ERROR
 
 SHEET = Laminate([Layer(1.0, 1.0, 0.5)])
 Z = np.linspace(-0.5, 0.5, 81)
