@@ -242,79 +242,121 @@ def evaluate_moments(kappa, multipliers, rows, stress, first, second, order):
 @jit
 def add_cells(
     ahead, parts, column, local, fluxes, rulings, moments, multipliers, stiffness, width, points,
-    weights, rows, slopes, gradient, band, border, corner, order,
+    weights, rows, slopes, gradient, band, order,
 ):  # fmt: skip
     """Add what the cells between hinges add; return their energy.
 
     Moments are linear between hinges, rulings between the ends of the `parts` of a cell, and the flux is
-    one in each part.
+    one in each part. The ribbon is open, so that all places are in the band.
     """
     energy = 0.0
     out = np.empty(11)
     place = np.empty(7, dtype=np.int64)
+    # The lower triangle of the block of a part: its sums over the points are kept in variables.
     block = np.zeros((7, 7))
-    n1 = np.empty(2)
-    n2 = np.empty(2)
     fold = 0.0
     for i in range(ahead.size - 1):
         length = ahead[i] / parts
         place[2], place[3] = local[i, 0], local[i + 1, 0]
         place[4], place[5] = local[i, 2], local[i + 1, 2]
+        a1, b1 = moments[i, 0], moments[i + 1, 0]
+        a3, b3 = moments[i, 2], moments[i + 1, 2]
         for part in range(parts):
             r0 = i * parts + part
             place[0], place[1], place[6] = column[r0], column[r0 + 1], fluxes[r0]
+            before, after = rulings[r0], rulings[r0 + 1]
             flux = multipliers[r0] / length
-            slopes[r0] = 0.5 * width * (rulings[r0 + 1] - rulings[r0]) / length
-            if order >= 1:
-                f = 0.5 * width / length * multipliers[r0]
-                if place[0] >= 0:
-                    gradient[place[0]] -= f
-                if place[1] >= 0:
-                    gradient[place[1]] += f
-            block[:] = 0.0
+            slope = 0.5 * width * (after - before) / length
+            k0, k1, t0, t1, d0, d1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            s00, s10, s11 = 0.0, 0.0, 0.0
+            s20, s21, s30, s31 = 0.0, 0.0, 0.0, 0.0
+            s40, s41, s50, s51 = 0.0, 0.0, 0.0, 0.0
+            s22, s32, s33 = 0.0, 0.0, 0.0
+            s42, s52, s53 = 0.0, 0.0, 0.0
+            s44, s54, s55 = 0.0, 0.0, 0.0
+            s60, s61, s62, s63, s64, s65, s66 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(points.size):
-                x = points[k]
-                h = (1.0 - x) * rulings[r0] + x * rulings[r0 + 1]
-                y = (part + x) / parts
-                m1 = (1.0 - y) * moments[i, 0] + y * moments[i + 1, 0]
-                m3 = (1.0 - y) * moments[i, 2] + y * moments[i + 1, 2]
+                x1 = points[k]
+                x0 = 1.0 - x1
+                y1 = (part + x1) / parts
+                y0 = 1.0 - y1
+                h = x0 * before + x1 * after
+                m1 = y0 * a1 + y1 * b1
+                m3 = y0 * a3 + y1 * b3
                 fold = complementary(stiffness, m1 + h * m3, h, flux, fold, out)
                 w = weights[k]
-                n1[0], n1[1] = 1.0 - x, x
-                n2[0], n2[1] = 1.0 - y, y
                 lw = length * w
                 energy += lw * out[1]
-                for r in range(2):
-                    rows[i + r, 0] -= lw * n2[r] * out[2]
-                    rows[i + r, 2] -= lw * n2[r] * h * out[2]
-                slopes[r0] -= w * out[4]
+                u = lw * out[2]
+                k0 += y0 * u
+                k1 += y1 * u
+                t0 += y0 * u * h
+                t1 += y1 * u * h
+                slope -= w * out[4]
                 if order >= 1:
-                    dh = out[3] + out[2] * m3
-                    for r in range(2):
-                        if place[r] >= 0:
-                            gradient[place[r]] -= lw * n1[r] * dh
+                    u = lw * (out[3] + out[2] * m3)
+                    d0 += x0 * u
+                    d1 += x1 * u
                 if order >= 2:
-                    pp, ph, pm = out[5], out[6], out[7]
-                    hh = pp * m3 * m3 + 2.0 * ph * m3 + out[8]
+                    pp, ph, pm = lw * out[5], lw * out[6], w * out[7]
                     h1 = pp * m3 + ph
-                    h3 = h * h1 + out[2]
-                    for r in range(2):
-                        for c in range(2):
-                            block[r, c] -= lw * n1[r] * n1[c] * hh
-                            block[2 + r, c] -= lw * n2[r] * n1[c] * h1
-                            block[4 + r, c] -= lw * n2[r] * n1[c] * h3
-                            block[2 + r, 2 + c] -= lw * n2[r] * n2[c] * pp
-                            block[4 + r, 2 + c] -= lw * n2[r] * n2[c] * pp * h
-                            block[4 + r, 4 + c] -= lw * n2[r] * n2[c] * pp * h * h
-                        block[6, r] -= w * n1[r] * (pm * m3 + out[9])
-                        block[6, 2 + r] -= w * n2[r] * pm
-                        block[6, 4 + r] -= w * n2[r] * pm * h
-                    block[6, 6] -= w * out[10] / length
+                    h3 = h * h1 + lw * out[2]
+                    hh = (h1 + ph) * m3 + lw * out[8]
+                    s00 += x0 * x0 * hh
+                    s10 += x0 * x1 * hh
+                    s11 += x1 * x1 * hh
+                    s20 += y0 * x0 * h1
+                    s21 += y0 * x1 * h1
+                    s30 += y1 * x0 * h1
+                    s31 += y1 * x1 * h1
+                    s40 += y0 * x0 * h3
+                    s41 += y0 * x1 * h3
+                    s50 += y1 * x0 * h3
+                    s51 += y1 * x1 * h3
+                    u, v, z = y0 * y0 * pp, y0 * y1 * pp, y1 * y1 * pp
+                    s22 += u
+                    s32 += v
+                    s33 += z
+                    u, v, z = u * h, v * h, z * h
+                    s42 += u
+                    s52 += v
+                    s53 += z
+                    s44 += u * h
+                    s54 += v * h
+                    s55 += z * h
+                    u = pm * m3 + w * out[9]
+                    s60 += x0 * u
+                    s61 += x1 * u
+                    s62 += y0 * pm
+                    s63 += y1 * pm
+                    s64 += y0 * pm * h
+                    s65 += y1 * pm * h
+                    s66 += w * out[10]
+            slopes[r0] = slope
+            rows[i, 0] -= k0
+            rows[i + 1, 0] -= k1
+            rows[i, 2] -= t0
+            rows[i + 1, 2] -= t1
+            if order >= 1:
+                f = 0.5 * width / length
+                if place[0] >= 0:
+                    gradient[place[0]] -= d0 + f * multipliers[r0]
+                if place[1] >= 0:
+                    gradient[place[1]] -= d1 - f * multipliers[r0]
             if order >= 2:
-                block[6, 0] -= 0.5 * width / length
-                block[6, 1] += 0.5 * width / length
+                f = 0.5 * width / length
+                block[0, 0] = -s00
+                block[1, 0], block[1, 1] = -s10, -s11
+                block[2, 0], block[2, 1], block[2, 2] = -s20, -s21, -s22
+                block[3, 0], block[3, 1], block[3, 2], block[3, 3] = -s30, -s31, -s32, -s33
+                block[4, 0], block[4, 1], block[4, 2], block[4, 3] = -s40, -s41, -s42, -s52
+                block[5, 0], block[5, 1], block[5, 2], block[5, 3] = -s50, -s51, -s52, -s53
+                block[4, 4], block[5, 4], block[5, 5] = -s44, -s54, -s55
+                block[6, 0], block[6, 1], block[6, 2], block[6, 3] = -s60 - f, -s61 + f, -s62, -s63
+                block[6, 4], block[6, 5], block[6, 6] = -s64, -s65, -s66 / length
                 for r in range(7):
                     for c in range(r + 1):
-                        if place[r] >= 0 and place[c] >= 0:
-                            _add(band, border, corner, place[r], place[c], block[r, c])
+                        low, high = min(place[r], place[c]), max(place[r], place[c])
+                        if low >= 0:
+                            band[low, high - low] += block[r, c]
     return energy

@@ -859,7 +859,7 @@ class Ribbon(BaseStructure):
         energy += _kernel.add_cells(
             skeleton.ahead, skeleton.parts, skeleton.column, skeleton.local, skeleton.fluxes,
             np.array(state.rulings), moments, fluxes, float(layout.parameters[0]), layout.ribbon_width,
-            POINTS, WEIGHTS, rows, slopes, gradient, band, border, corner, order,
+            POINTS, WEIGHTS, rows, slopes, gradient, band, order,
         )  # fmt: skip
         constraints = np.concatenate([outer, rows.reshape(-1), slopes])
         if order == 0:
