@@ -431,6 +431,38 @@ class TestJudges:
         assert bad.verdict is verdict, bad.why
         assert bad.why != good.why
 
+    @pytest.mark.parametrize(("claim", "facts", "change", "verdict"), CASES)
+    def test_the_reason_is_written_in_sentences(self, claim, facts, change, verdict):
+        for result in (judged(claim, facts), judged(claim, {**facts, **change}, remark="a remark")):
+            assert result.why
+            for sentence in re.split(r"(?<=[.?]) (?=[A-Z|])", result.why):
+                assert sentence.endswith("."), sentence
+                # a word begins with a capital; a symbol does not
+                assert not re.match(r"[a-z]+\b", sentence), sentence
+                assert not re.search(r"[{}]|;|e[-+]?\d| -\d", re.sub(r"; (?=\w)", "", sentence))
+            assert "A remark." in result.why or "remark" not in result.remark
+
+    @pytest.mark.parametrize(
+        ("value", "digits", "text"),
+        [
+            (7.94e-14, 2, "7.9 × 10⁻¹⁴"),
+            (1e-6, 6, "10⁻⁶"),
+            (-1.0, 6, "−1"),
+            (0.00046, 2, "4.6 × 10⁻⁴"),
+            (2.4e7, 1, "2 × 10⁷"),
+            (692.4, 2, "690"),
+            (0.0, 2, "0"),
+            (9.96, 2, "10"),
+        ],
+    )
+    def test_numbers_for_the_reader(self, value, digits, text):
+        assert core.short(value, digits) == text
+
+    def test_lists_for_the_reader(self):
+        assert core.listed([0.1]) == "0.1"
+        assert core.listed([1, 2, 3], unit="°") == "1, 2 and 3°"
+        assert core.listed(range(10)) == "0, 1, 2, ..., 7, 8 and 9"
+
     def test_every_claim_of_these_chapters_has_a_judge_and_every_judge_a_case(self):
         wanted = {id for id, claim in scoreboard.claims().items() if claim.chapter in "123A"}
         assert wanted <= set(JUDGES)
@@ -519,7 +551,7 @@ class TestJudges:
     def test_readings(self):
         check = for_every_reading("it snaps", [0.1, 0.2, 0.3], [True, False, True])
         assert check.outcome is Outcome.UNDETERMINED
-        assert check.sentence == "it snaps for 0.1, 0.3, but not for 0.2"
+        assert check.sentence == "it snaps for 0.1 and 0.3, but not for 0.2"
 
     @given(st.floats(0.1, 4), st.floats(1e-3, 1e3))
     def test_orders_are_found(self, order, factor):
@@ -648,7 +680,7 @@ class TestRecords:
                 "lambda-typical", as_printed=printed, corrected=corrected, **common
             )
             assert result.verdict is verdict
-            assert result.why.startswith("corrected: the depth")
+            assert result.why.startswith("Corrected: the depth")
             assert result.value == corrected["value"]
 
     def test_a_bare_number_is_the_headline(self):

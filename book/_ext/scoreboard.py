@@ -44,7 +44,7 @@ CHAPTERS = {
     "5": "Leaping plates",
     "A": "Appendix",
 }
-UNITS = {"": "", "1": "", "degree": "°"}
+UNITS = {"": "", "1": "", "degree": "°", "B/L^2": " B/L²", "B/L^3": " B/L³"}
 NOTHING = "–"  # where a claim has no number
 PHRASES = {  # of one claim, of several
     Verdict.REPRODUCED: ("is reproduced", "are reproduced"),
@@ -394,8 +394,9 @@ def _verdict(row):
     )
     cells = [paragraph]
     if row.why:
-        cells.append(nodes.paragraph("", _sentence(row.why), classes=["scoreboard-small"]))
-    if row.claim.slot and not literature.is_available(row.claim.slot):
+        cells.append(nodes.paragraph("", row.why, classes=["scoreboard-small"]))
+    said_above = verdict is Verdict.AWAITS
+    if row.claim.slot and not said_above and not literature.is_available(row.claim.slot):
         said = "The measured or published points are awaited."
         cells.append(nodes.paragraph("", said, classes=["scoreboard-small"]))
     return cells

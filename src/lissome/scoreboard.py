@@ -290,20 +290,14 @@ class Record:
 
     @property
     def why(self) -> str:
-        """The reason of the verdict in words: what failed, or what held."""
-        order = (Outcome.FAILS, Outcome.UNDETERMINED, Outcome.AWAITS, Outcome.HOLDS)
+        """The reason of the verdict, in sentences: what failed, or what held and what is awaited."""
+        open_ = self.verdict in (Verdict.DIFFERS, Verdict.UNDETERMINED)
+        first = (Outcome.FAILS, Outcome.UNDETERMINED) if open_ else (Outcome.HOLDS,)
         checks = self.checks
-        verdict = self.verdict
-        if verdict in (Verdict.DIFFERS, Verdict.UNDETERMINED):
-            decisive = [c for o in order[:3] for c in checks if c.outcome is o]
-        else:
-            decisive = [c for o in order for c in checks if c.outcome is o]
-        parts = [check.sentence for check in decisive]
+        parts = [c.sentence for o in (*first, Outcome.AWAITS) for c in checks if c.outcome is o]
         if self.corrected is not None:
             parts.insert(0, f"corrected: {self.correction}")
-        if self.remark:
-            parts.append(self.remark)
-        return "; ".join(parts)
+        return " ".join(_as_sentence(part) for part in (*parts, self.remark) if part)
 
     @property
     def value(self) -> float | None:
@@ -350,8 +344,16 @@ class Record:
         return (
             f'<p><span class="verdict verdict-{name}">{self.verdict.glyph}&nbsp;'
             f"{html.escape(self.verdict.value)}</span> "
-            f"{html.escape(self.claim.text)}: {html.escape(self.why)}</p>"
+            f"{html.escape(_as_sentence(self.claim.text))}<br>{html.escape(self.why)}</p>"
         )
+
+
+def _as_sentence(text: str) -> str:
+    """Begin with a capital, unless with a symbol, and end with a point."""
+    first = text.split(" ", 1)[0]
+    if first == "a" or (len(first) > 1 and text[:2].isascii() and text[:2].isalpha()):
+        text = text[0].upper() + text[1:]
+    return text if text.endswith((".", "?")) else f"{text}."
 
 
 def record(

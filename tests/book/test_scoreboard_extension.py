@@ -205,7 +205,7 @@ def test_the_board_links_to_the_claims(book):
     for verdict in ("reproduced", "differs", "pending"):
         assert f'class="verdict verdict-{verdict}"' in text
     assert "≠ differs" in plain(text)
-    assert "at most 0.5 allowed" in plain(text)
+    assert "at most 0.5° allowed" in plain(text)
     assert "Test: Argmax to 0.1 degree within 0.5 of the printed value" in plain(text)
     slots = {claim.slot for claim in scoreboard.claims().values()} - {""}
     said = plain(text).count("The measured or published points are awaited.")

@@ -6,7 +6,6 @@ page says can change a verdict except the numbers themselves.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -25,6 +24,8 @@ from ..errors import InvalidInput
 if TYPE_CHECKING:
     from ..scoreboard import Claim
 
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
 __all__ = [
     "Check",
     "Facts",
@@ -41,10 +42,12 @@ __all__ = [
     "holds",
     "increasing",
     "judge",
+    "listed",
     "number",
     "numbers",
     "optional",
     "order_of",
+    "short",
     "within",
     "within_percent",
 ]
@@ -77,7 +80,8 @@ class Check:
     outcome : Outcome
         Whether it holds.
     sentence : str
-        What was checked and found, for the reader.
+        What was checked and found, for the reader. Empty if another sentence of the same judge
+        says it as well.
 
     Examples
     --------
@@ -311,16 +315,36 @@ def holds(condition: bool, sentence: str, otherwise: str | None = None) -> Check
     """Check a condition.
 
     A sentence that only reports numbers stands for both outcomes; one that states the condition
-    needs its negation in `otherwise`.
+    needs its negation in `otherwise`. An empty sentence says nothing: its condition is plain.
     """
     if condition:
         return Check(Outcome.HOLDS, sentence)
     return Check(Outcome.FAILS, sentence if otherwise is None else otherwise)
 
 
-def _short(value: float, digits: int = 2) -> str:
-    """Return a number in short, with 1e-8 for 1e-08."""
-    return re.sub(r"e([-+]?)0*", lambda e: "e" + e[1].replace("+", ""), f"{value:.{digits}g}")
+def short(value: float, digits: int = 2) -> str:
+    """Return a number for the reader in a few digits, large and small ones as 7.9 × 10⁻¹⁴."""
+    if value == 0 or 1e-3 <= abs(value) < 1e6:
+        text = f"{float(f'{value:.{digits - 1}e}'):.10f}".rstrip("0").rstrip(".")
+    else:
+        mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        text = f"10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
+        text = text if mantissa == "1" else f"{mantissa} × {text}"
+    return text.replace("-", "−")
+
+
+def listed(values: Any, digits: int = 4, unit: str = "") -> str:
+    """Return numbers as a person lists them, long lists by both ends."""
+    texts = [short(value, digits) for value in np.asarray(values, dtype=float)]
+    if len(texts) > 8:
+        texts = [*texts[:3], "...", *texts[-3:]]
+    tail = _spaced(unit)
+    return (f"{', '.join(texts[:-1])} and {texts[-1]}" if len(texts) > 1 else texts[0]) + tail
+
+
+def _spaced(unit: str) -> str:
+    return unit if unit == "°" else f" {unit}" if unit not in ("", "1") else ""
 
 
 def _decisive(name: str, spread: float, tolerance: float) -> None:
@@ -331,57 +355,94 @@ def _decisive(name: str, spread: float, tolerance: float) -> None:
         )
 
 
+# In the checks below, `said` is the sentence while they hold: it may name the numbers found in
+# braces, and the empty one says nothing. What fails always names its limit.
+
+
 def within(
-    name: str, value: float, target: float, tolerance: float, unit: str = "", spread: float = 0.0
+    name: str,
+    value: float,
+    target: float,
+    tolerance: float,
+    unit: str = "",
+    spread: float = 0.0,
+    said: str = "{name} is {value}, {distance} from {target}",
 ) -> Check:
     """Check that a number lies within an absolute tolerance of another.
 
     A number that is more uncertain than the tolerance is refused: it decides nothing.
     """
     _decisive(name, spread, tolerance)
-    space = f" {unit}" if unit and unit != "1" else ""
-    shown = rounded(value, spread or tolerance / 10)
+    space = _spaced(unit)
+    shown = rounded(value, spread or tolerance / 10, "unicode").replace("-", "−")
     distance = abs(value - target)
+    found = {
+        "name": name,
+        "value": shown + space,
+        "distance": short(distance) + space,
+        "target": short(target, 6) + space,
+    }
     return holds(
         distance <= tolerance,
-        f"{name} is {shown}{space}, {_short(distance)}{space} from {_short(target, 6)} "
-        f"(at most {_short(tolerance, 6)} allowed)",
+        said.format(**found),
+        "{name} is {value}, {distance} from {target}".format(**found)
+        + f" (at most {short(tolerance, 6)}{space} allowed)",
     )
 
 
 def within_percent(
-    name: str, value: float, target: float, percent: float, spread: float = 0.0
+    name: str,
+    value: float,
+    target: float,
+    percent: float,
+    spread: float = 0.0,
+    said: str = "{name} is {value}, {distance} % from {target}",
 ) -> Check:
     """Check that a number lies within some per cent of another; see :func:`within`."""
     _decisive(name, spread, abs(target) * percent / 100)
     distance = 100 * abs(value / target - 1)
-    shown = rounded(value, spread or abs(target) * percent / 1e4)
+    shown = rounded(value, spread or abs(target) * percent / 1e4, "unicode").replace("-", "−")
+    found = {
+        "name": name,
+        "value": shown,
+        "distance": short(distance),
+        "target": short(target, 6),
+    }
     return holds(
         distance <= percent,
-        f"{name} is {shown}, {_short(distance)} % from {_short(target, 6)} "
-        f"(at most {_short(percent, 6)} % allowed)",
+        said.format(**found),
+        "{name} is {value}, {distance} % from {target}".format(**found)
+        + f" (at most {short(percent, 6)} % allowed)",
     )
 
 
-def all_below(name: str, values: Any, limit: float, unit: str = "") -> Check:
+def all_below(
+    name: str, values: Any, limit: float, unit: str = "", said: str = "{name} is {most}{value}"
+) -> Check:
     """Check that the largest magnitude does not exceed a limit."""
     largest = float(np.max(np.abs(values)))
-    space = f" {unit}" if unit else ""
+    space = _spaced(unit)
     most = "at most " if np.ndim(values) else ""
+    value = short(largest) + space
     return holds(
         largest <= limit,
-        f"{name} is {most}{_short(largest)}{space} (limit {_short(limit, 6)}{space})",
+        said.format(name=name, most=most, value=value),
+        f"{name} is {value}, above the limit of {short(limit, 6)}{space}",
     )
 
 
-def all_above(name: str, values: Any, limit: float, unit: str = "") -> Check:
+def all_above(
+    name: str, values: Any, limit: float, unit: str = "", said: str = "{name} is {least}{value}"
+) -> Check:
     """Check that the smallest value exceeds a limit."""
     smallest = float(np.min(values))
-    space = f" {unit}" if unit else ""
+    space = _spaced(unit)
     least = "at least " if np.ndim(values) else ""
+    value = short(smallest) + space
     return holds(
         smallest > limit,
-        f"{name} is {least}{_short(smallest)}{space} (must exceed {_short(limit, 6)})",
+        said.format(name=name, least=least, value=value),
+        f"{name} is {value}, but must exceed {short(limit, 6)}{space}",
     )
 
 
@@ -390,51 +451,63 @@ def _at_least_two(name: str, values: Any) -> None:
         raise InvalidInput(f"{name} has {len(values)} entries; a trend needs at least two")
 
 
-def increasing(name: str, values: Any) -> Check:
+def increasing(name: str, values: Any, said: str = "{name} rises from {first} to {last}") -> Check:
     """Check that a list of two or more strictly increases."""
     _at_least_two(name, values)
-    listed = _listed(values)
     return holds(
         bool(np.all(np.diff(values) > 0)),
-        f"{name} increases strictly: {listed}",
-        f"{name} does not increase strictly: {listed}",
+        said.format(name=name, first=short(values[0], 3), last=short(values[-1], 3)),
+        f"{name} does not increase strictly: {listed(values)}",
     )
 
 
-def decreasing(name: str, values: Any) -> Check:
+def decreasing(name: str, values: Any, said: str = "{name} falls from {first} to {last}") -> Check:
     """Check that a list of two or more strictly decreases."""
     _at_least_two(name, values)
-    listed = _listed(values)
     return holds(
         bool(np.all(np.diff(values) < 0)),
-        f"{name} decreases strictly: {listed}",
-        f"{name} does not decrease strictly: {listed}",
+        said.format(name=name, first=short(values[0], 3), last=short(values[-1], 3)),
+        f"{name} does not decrease strictly: {listed(values)}",
     )
 
 
-def _listed(values: Any) -> str:
-    texts = [_short(value, 4) for value in np.asarray(values, dtype=float)]
-    return ", ".join(texts if len(texts) <= 8 else [*texts[:3], "...", *texts[-3:]])
-
-
-def for_every_reading(name: str, readings: Any, outcomes: Any) -> Check:
+def for_every_reading(
+    statement: str,
+    readings: Any,
+    outcomes: Any,
+    symbol: str = "",
+    otherwise: str = "",
+    said: str | None = None,
+) -> Check:
     """Check a statement for every value that a number left out by the text may have.
 
     True for all readings: it holds. For none: it fails. For some: the text does not determine it.
+    `otherwise` is what happens instead, `said` the sentence if the statement holds for all.
     """
     true = np.asarray(outcomes, dtype=bool)
     values = np.asarray(readings, dtype=float)
+    equals = f"{symbol} = " if symbol else ""
     if true.all():
-        return Check(Outcome.HOLDS, f"{name} for every one of {_listed(values)}")
+        sentence = f"{statement} for {equals}{listed(values)}" if said is None else said
+        return Check(Outcome.HOLDS, sentence)
     if not true.any():
-        return Check(Outcome.FAILS, f"{name} for none of {_listed(values)}")
+        return Check(Outcome.FAILS, f"{statement} for none of {equals}{listed(values)}")
+    contrary = f"for {equals}{listed(values[~true])} {otherwise}"
+    if not otherwise:
+        contrary = f"but not for {listed(values[~true])}"
+    joint = "; " if otherwise else ", "
     return Check(
-        Outcome.UNDETERMINED,
-        f"{name} for {_listed(values[true])}, but not for {_listed(values[~true])}",
+        Outcome.UNDETERMINED, f"{statement} for {equals}{listed(values[true])}{joint}{contrary}"
     )
 
 
-def order_of(name: str, sizes: Any, errors: Any, least: float) -> Check:
+def order_of(
+    name: str,
+    sizes: Any,
+    errors: Any,
+    least: float,
+    said: str = "{name} vanishes at order {order}",
+) -> Check:
     """Check that errors vanish with a size at least at a given order, to the nearest tenth.
 
     The order is the slope between the two smallest sizes in the log-log plane.
@@ -446,23 +519,26 @@ def order_of(name: str, sizes: Any, errors: Any, least: float) -> Check:
         or min(errors[first], errors[second]) <= 0
     ):
         raise InvalidInput(
-            f"an order of {name} needs two positive sizes and errors; got sizes {_listed(sizes)} "
-            f"and errors {_listed(errors)}"
+            f"an order of {name} needs two positive sizes and errors; got sizes {listed(sizes)} "
+            f"and errors {listed(errors)}"
         )
     order = float(np.log(errors[second] / errors[first]) / np.log(sizes[second] / sizes[first]))
     return holds(
         order >= least - 0.05,
-        f"{name} vanishes at order {order:.2f} (at least {_short(least, 6)} expected)",
+        said.format(name=name, order=f"{order:.2f}"),
+        f"{name} vanishes at order {order:.2f} only (at least {short(least, 6)} expected)",
     )
 
 
-def agrees_with_measurement(slot: str, facts: Facts, name: str, limit: float) -> Check:
+def agrees_with_measurement(
+    slot: str, facts: Facts, name: str, limit: float, what: str = "measured points"
+) -> Check:
     """Check the deviation from measured points, or say that they are awaited.
 
     The fact `name` (optional in the judge) becomes compulsory when the slot is filled.
     """
     if not literature.is_available(slot):
-        return Check(Outcome.AWAITS, f"the measured points ('{slot}') are awaited")
+        return Check(Outcome.AWAITS, f"the {what} are printed nowhere as numbers, and are awaited")
     if name not in facts:
         raise InvalidInput(f"the data '{slot}' are there: record '{name}', the deviation from them")
-    return all_below("the deviation from the measured points", facts[name], limit)
+    return all_below(f"the deviation from the {what}", facts[name], limit)

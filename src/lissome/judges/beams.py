@@ -10,7 +10,6 @@ from ..errors import InvalidInput
 from ._core import (
     Check,
     Facts,
-    _short,
     all_above,
     all_below,
     decreasing,
@@ -19,11 +18,13 @@ from ._core import (
     holds,
     increasing,
     judge,
+    listed,
     number,
     numbers,
     optional,
     order_of,
     same_length,
+    short,
     within,
     within_percent,
 )
@@ -57,13 +58,14 @@ def _ascending(name: str, values: np.ndarray) -> None:
     other_readings=optional(numbers("Lambda with the other thicknesses and depths of the thesis")),
 )
 def lambda_typical(claim: Claim, facts: Facts) -> list[Check]:
-    checks = [within_percent("|Λ|", abs(facts["value"]), abs(claim.number), 2)]
-    if "other_readings" in facts:
-        near = np.abs(np.abs(facts["other_readings"]) / abs(claim.number) - 1) <= 0.02
-        listed = ", ".join(f"{value:.3g}" for value in facts["other_readings"])
-        found = "one of them agrees" if near.any() else "none agrees"
-        checks.append(holds(True, f"other values printed elsewhere give {listed}: {found}"))
-    return checks
+    own = within_percent("|Λ| from the values of the table", abs(facts["value"]), claim.number, 2)
+    if "other_readings" not in facts:
+        return [own]
+    others = facts["other_readings"]
+    near = np.abs(np.abs(others) / claim.number - 1) <= 0.02
+    found = "one of which agrees" if near.any() else "none of which agrees"
+    elsewhere = f"with thicknesses and depths printed elsewhere it is {listed(others, 3)}, {found}"
+    return [Check(own.outcome, f"{own.sentence}; {elsewhere}")]
 
 
 @judge(
@@ -75,10 +77,18 @@ def lambda_typical(claim: Claim, facts: Facts) -> list[Check]:
 def ring_steady_speed(claim: Claim, facts: Facts) -> list[Check]:
     same_length(facts, "intensities", "changes")
     _demand("intensities", facts["intensities"], RING_INTENSITIES)
-    checks = [all_below("the change over the last revolution", facts["changes"], 1e-3)]
+    checks = [
+        all_below(
+            "the change of speed over the last revolution",
+            facts["changes"],
+            1e-3,
+            said="at each of these intensities the speed settles: over the last revolution it "
+            "changes by {value} of itself at most",
+        )
+    ]
     if "speeds" in facts:
         same_length(facts, "intensities", "speeds")
-        checks.append(all_above("the speed", np.abs(facts["speeds"]), 0.0))
+        checks.append(all_above("the speed", np.abs(facts["speeds"]), 0.0, said=""))
     return checks
 
 
@@ -99,14 +109,21 @@ def ring_speed_symmetry(claim: Claim, facts: Facts) -> list[Check]:
     if np.count_nonzero(part) < 5 or facts["angles"][0] <= 0:
         raise InvalidInput("at least five angles between 0 and `increasing_to` are needed")
     return [
-        all_below("|V(0)|", facts["value"], 1e-8),
-        all_below("|V(angle) + V(-angle)|", facts["speeds"] + facts["mirrored_speeds"], 1e-8),
-        increasing(f"V up to {facts['increasing_to']:.3g} rad", np.r_[0.0, facts["speeds"][part]]),
-        holds(
-            facts["slope"] > 0,
-            f"the slope at 0 is {facts['slope']:.4g}, and the linear theory breaks down at "
+        all_below("|V(0)|", facts["value"], 1e-8, said="in vertical light the ring rests"),
+        all_below(
+            "|V(angle) + V(−angle)|",
+            facts["speeds"] + facts["mirrored_speeds"],
+            1e-8,
+            said="opposite angles give opposite speeds, to {value}",
+        ),
+        increasing(
+            f"V up to {facts['increasing_to']:.3g} rad",
+            np.r_[0.0, facts["speeds"][part]],
+            said="{name} rises from 0 to {last}, with the slope "
+            f"{facts['slope']:.4g} at 0; the linear theory breaks down at "
             f"{facts['breakdown']:.4g} rad",
         ),
+        holds(facts["slope"] > 0, "", f"the slope at 0 is {short(facts['slope'])}, not positive"),
     ]
 
 
@@ -122,17 +139,25 @@ def ring_speed_intensity(claim: Claim, facts: Facts) -> list[Check]:
     _demand("intensities", facts["intensities"], RING_INTENSITIES)
     near = facts["deviations"] <= 0.05
     largest = facts["intensities"][near].max() if near.any() else 0.0
-    listed = ", ".join(
-        f"{100 * d:.2g} % at {i:g}"
-        for i, d in zip(facts["intensities"], facts["deviations"], strict=True)
-    )
+    deviations = _per_intensity(facts["intensities"], facts["deviations"])
+    departs = f"the speed departs from (3.29) by {deviations}"
     return [
         order_of("the deviation from (3.29)", facts["intensities"], facts["deviations"], 1),
         holds(
             bool(near.all()),
-            f"the deviation is {listed}: independent (at most 5 %) up to Λ = {largest:g}",
+            f"{departs}: by 5 % at most",
+            f"{departs}: it is practically independent of the intensity (to 5 %) up to "
+            f"Λ = {largest:g} only",
         ),
     ]
+
+
+def _per_intensity(intensities: np.ndarray, fractions: np.ndarray) -> str:
+    parts = [
+        f"{short(100 * fraction)} % at Λ = {intensity:g}"
+        for intensity, fraction in zip(intensities, fractions, strict=True)
+    ]
+    return f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 @judge(
@@ -143,12 +168,20 @@ def ring_speed_intensity(claim: Claim, facts: Facts) -> list[Check]:
 def ring_curvature_profile(claim: Claim, facts: Facts) -> list[Check]:
     same_length(facts, "intensities", "differences")
     _demand("intensities", facts["intensities"], RING_INTENSITIES)
-    listed = ", ".join(
-        f"{100 * d:.2g} % at {i:g}"
-        for i, d in zip(facts["intensities"], facts["differences"], strict=True)
+    differences = _per_intensity(facts["intensities"], facts["differences"])
+    order = order_of(
+        "the difference",
+        facts["intensities"],
+        facts["differences"],
+        1,
+        said="the difference vanishes at order {order} in Λ",
     )
-    order = order_of("the difference", facts["intensities"], facts["differences"], 1)
-    return [Check(order.outcome, f"{order.sentence}; it is {listed}")]
+    return [
+        Check(
+            order.outcome,
+            f"the profile departs from linear theory by {differences}; {order.sentence}",
+        )
+    ]
 
 
 @judge(
@@ -165,13 +198,29 @@ def strip_cycle(claim: Claim, facts: Facts) -> list[Check]:
     if facts.uncertainty == 0:
         raise InvalidInput("argument `uncertainty` is 0; no computed period is exact")
     return [
-        all_below("the distance after one period", facts["return_distance"], 1e-6),
+        all_below(
+            "the distance of the strip from itself after one period",
+            facts["return_distance"],
+            1e-6,
+            said="after a period with two snaps the strip is back, to {value}",
+        ),
         holds(
             facts["snaps_per_period"] == 2,
-            f"{facts['snaps_per_period']:.0f} snaps in a period (two expected)",
+            "",
+            f"a period has {facts['snaps_per_period']:.0f} snaps, not two",
         ),
-        all_above("the drift of the crest away from the light", facts["crest_drift"], 0.0),
-        all_below("the difference of the cycles from both sides", facts["side_difference"], 1e-6),
+        all_above(
+            "the drift of the crest away from the light",
+            facts["crest_drift"],
+            0.0,
+            said="before each snap the crest drifts away from the light",
+        ),
+        all_below(
+            "the difference of the cycles from both sides",
+            facts["side_difference"],
+            1e-6,
+            said="started up or down, it reaches the same cycle, to {value}",
+        ),
     ]
 
 
@@ -185,9 +234,20 @@ def strip_eigenvalue(claim: Claim, facts: Facts) -> list[Check]:
     same_length(facts, "exponents", "after")
     worst = facts["exponents"][np.argmax(np.abs(facts["exponents"] - 0.5))]
     return [
-        all_below("the eigenvalue at the snap", facts["value"], 1e-2),
-        within("the exponent at worst", float(worst), 0.5, 0.05),
-        all_above("the eigenvalue after a snap", facts["after"], 0.0),
+        all_below(
+            "the eigenvalue at the snap, over its largest,",
+            facts["value"],
+            1e-2,
+            said="at each snap the eigenvalue has fallen to {value} of its largest",
+        ),
+        within(
+            "the exponent furthest from 1/2",
+            float(worst),
+            0.5,
+            0.05,
+            said="it falls with the time that is left to the power {value}, as at a fold (1/2)",
+        ),
+        all_above("the eigenvalue after a snap", facts["after"], 0.0, said="it is positive after"),
     ]
 
 
@@ -205,26 +265,36 @@ def strip_window(claim: Claim, facts: Facts) -> list[Check]:
     _ascending("intensities", facts["intensities"])
     if len(facts["intensities"]) < 3:
         raise InvalidInput("the fact 'intensities' needs at least three entries to show a trend")
-    ends = ", ".join(
-        f"{low:.1f} to {high:.1f} at {i:g}"
+    ends = [
+        f"{low:.1f}° to {high:.1f}° at Λ = {i:g}"
         for i, low, high in zip(facts["intensities"], facts["lower"], facts["upper"], strict=True)
-    )
+    ]
     return [
-        all_below("the uncertainty of the ends", facts["resolution"], 0.1, "degrees"),
+        all_below("the uncertainty of the ends", facts["resolution"], 0.1, "°", said=""),
         holds(
             bool(np.all(np.diff(facts["lower"]) < 0) and np.all(np.diff(facts["upper"]) > 0)),
-            f"each window holds the one of weaker light: {ends}",
-            f"the windows are not nested: {ends}",
+            f"the window widens with the light at both ends, from {ends[0]} to {ends[-1]}",
+            f"the windows are not nested: {', '.join(ends)}",
         ),
-        increasing(f"the frequency at {facts['angle']:g} degrees", facts["frequencies"]),
+        increasing(f"the frequency at {facts['angle']:g}°", facts["frequencies"]),
     ]
 
 
 def _best_angle(claim: Claim, facts: Facts) -> list[Check]:
     return [
-        all_below("the uncertainty of the angle", facts.uncertainty, 0.1, "degrees"),
-        within("the best angle", facts["value"], claim.number, 0.5, "degrees", facts.uncertainty),
-        all_below("its spread over Λ", facts["spread"], 1.0, "degrees"),
+        all_below("the uncertainty of the angle", facts.uncertainty, 0.1, "°", said=""),
+        within(
+            "the best angle",
+            facts["value"],
+            claim.number,
+            0.5,
+            "°",
+            facts.uncertainty,
+            said="{name} is {value}, {distance} from the printed one",
+        ),
+        all_below(
+            "the spread over Λ", facts["spread"], 1.0, "°", said="over Λ it varies by {value}"
+        ),
     ]
 
 
@@ -248,16 +318,21 @@ strip_best_angle_0957 = judge("strip-best-angle-0957", **_BEST_ANGLE)(_best_angl
 def strip_reverse(claim: Claim, facts: Facts) -> list[Check]:
     distance, change = facts["orbit_difference"], facts["period_difference"]
     return [
-        all_above("the drift of the crest towards the light", -facts["crest_drift"], 0.0),
+        all_above(
+            "the drift of the crest towards the light",
+            -facts["crest_drift"],
+            0.0,
+            said="the crest moves towards the light",
+        ),
         holds(
             abs(distance) > 1e-8,
-            f"the orbits differ by {_short(distance)}"
-            + ("" if abs(distance) > 1e-8 else ": they are the same path, not another one"),
+            f"the path is another one: the orbits differ by {short(distance)}",
+            f"the path is the same, not another one: the orbits differ by {short(distance)} only",
         ),
         holds(
             abs(change) <= 0.05,
-            f"the periods differ by {_short(change)}"
-            + (": they are equal" if abs(change) <= 1e-8 else " (not significant up to 5 %)"),
+            f"the periods differ by {short(change)} of themselves",
+            f"the periods differ by {short(change)} of themselves (at most 0.05 allowed)",
         ),
     ]
 
@@ -279,12 +354,18 @@ def strip_faces(claim: Claim, facts: Facts) -> list[Check]:
     ratio = facts["planar"] / facts["homeotropic"]
     inside = bool(outer[0] < inner[0] and inner[1] < outer[1])
     return [
-        all_above("the ratio of the frequencies, planar over homeotropic,", ratio, 1.0),
+        all_above(
+            "the ratio of the frequencies, planar over homeotropic,",
+            ratio,
+            1.0,
+            said="at every common angle the strip flaps faster on its planar face, at least {value} "
+            "times as fast",
+        ),
         holds(
             inside,
-            f"the window of the homeotropic face, {inner[0]:.1f} to {inner[1]:.1f} degrees, "
-            f"{'lies' if inside else 'does not lie'} inside that of the planar face, "
-            f"{outer[0]:.1f} to {outer[1]:.1f}",
+            f"the window of the homeotropic face, {inner[0]:.1f}° to {inner[1]:.1f}°, "
+            f"{'lies' if inside else 'does not lie'} inside that of the planar one, "
+            f"{outer[0]:.1f}° to {outer[1]:.1f}°",
         ),
     ]
 
@@ -300,11 +381,26 @@ def snap_centred(claim: Claim, facts: Facts) -> list[Check]:
     same_length(facts, "widths", "curvature_before_light", "curvature_before_snap", "snaps_down")
     flat = facts["curvature_before_snap"] / facts["curvature_before_light"] <= 0
     return [
-        for_every_reading("the strip snaps down", facts["widths"], facts["snaps_down"]),
+        _snaps_down(facts),
         for_every_reading(
-            "the curvature at the middle has passed zero before the snap", facts["widths"], flat
+            "the middle is flat or hollow before the snap",
+            facts["widths"],
+            flat,
+            "W",
+            "it is still arched",
         ),
     ]
+
+
+def _snaps_down(facts: Facts) -> Check:
+    return for_every_reading(
+        "the strip snaps down",
+        facts["widths"],
+        facts["snaps_down"],
+        "W",
+        "it does not",
+        said="the strip snaps down at every width tried",
+    )
 
 
 @judge(
@@ -319,12 +415,16 @@ def snap_offcentre(claim: Claim, facts: Facts) -> list[Check]:
     same_length(facts, "widths", "crest_drift", "crest_monotone", "snaps_down", "change_after")
     away = (facts["crest_drift"] > 0) & facts["crest_monotone"]
     return [
-        for_every_reading("the strip snaps down", facts["widths"], facts["snaps_down"]),
-        for_every_reading("the crest moves away from the light", facts["widths"], away),
+        _snaps_down(facts),
         for_every_reading(
-            "the shape changes by less than 1 % after the snap",
+            "the crest moves away from the light", facts["widths"], away, "W", "it does not"
+        ),
+        for_every_reading(
+            "after the snap the shape changes by less than 1 %",
             facts["widths"],
             facts["change_after"] < 0.01,
+            "W",
+            "it goes on changing",
         ),
     ]
 
@@ -343,14 +443,22 @@ def snap_phase_portrait(claim: Claim, facts: Facts) -> list[Check]:
             "there is a least light that snaps the strip",
             facts["widths"],
             facts["critical_centred"] > 0,
+            "W",
+            "any light does",
         ),
         for_every_reading(
-            "the least light falls with the offset", facts["widths"], facts["slopes"] < 0
+            "a small offset lowers the light that is needed",
+            facts["widths"],
+            facts["slopes"] < 0,
+            "W",
+            "it raises it",
         ),
         for_every_reading(
-            "the strip does not snap at large offset",
+            "a large offset keeps the strip from snapping",
             facts["widths"],
             facts["no_snap_at_large_offset"],
+            "W",
+            "the strip snaps there too",
         ),
     ]
 
@@ -371,8 +479,13 @@ def snap_time_exponent(claim: Claim, facts: Facts) -> list[Check]:
     worst = facts["slopes"][bright][np.argmax(np.abs(facts["slopes"][bright] + 1))]
     changes = np.abs(np.diff(facts["products"][bright]) / np.diff(np.log(facts["light"][bright])))
     return [
-        within("the slope from 20 times the critical light on, at worst,", float(worst), -1, 0.02),
-        decreasing("the change of Λ T* with log Λ", changes),
+        within(
+            "the slope furthest from −1, from 20 times the critical light on,",
+            float(worst),
+            -1,
+            0.02,
+        ),
+        decreasing("the change of Λ T* with log Λ", changes, said="Λ T* converges"),
     ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ._core import Check, Facts, all_below, holds, judge, number, optional
+from ._core import Check, Facts, all_below, holds, judge, number, optional, short
 
 if TYPE_CHECKING:
     from ..scoreboard import Claim
@@ -20,9 +20,14 @@ __all__ = ["JUDGES"]
 )
 def psi_function(claim: Claim, facts: Facts) -> list[Check]:
     return [
-        all_below("the difference from angle over strain", facts["difference"], 1e-13),
-        all_below("psi(0) - 1", facts["at_zero"], 1e-15),
-        all_below("psi(2) - pi/2", facts["at_two"], 1e-15),
+        all_below(
+            "the difference from angle over strain",
+            facts["difference"],
+            1e-13,
+            said="ψ is the angle over the norm of the strain to {value}, and meets both ends",
+        ),
+        all_below("ψ(0) − 1", facts["at_zero"], 1e-15, said=""),
+        all_below("ψ(2) − π/2", facts["at_two"], 1e-15, said=""),
     ]
 
 
@@ -38,11 +43,37 @@ def psi_function(claim: Claim, facts: Facts) -> list[Check]:
 )
 def derivative_errors(claim: Claim, facts: Facts) -> list[Check]:
     return [
-        all_below("the error of the gradient", facts["gradient"], 1e-6),
-        all_below("the error of the Hessian", facts["hessian"], 1e-6),
-        all_below("the error of the gradient by the exact method", facts["exact_gradient"], 1e-12),
-        all_below("the error of the Hessian by the exact method", facts["exact_hessian"], 1e-12),
-        holds(facts["states"] >= 100, f"{facts['states']:.0f} states (at least 100 demanded)"),
+        all_below(
+            "the difference of the gradient from finite differences",
+            facts["gradient"],
+            1e-6,
+            said=f"over {facts['states']:.0f} states the gradient differs from finite differences "
+            f"by at most {{value}}, the Hessian by {short(facts['hessian'])}",
+        ),
+        all_below(
+            "the difference of the Hessian from finite differences",
+            facts["hessian"],
+            1e-6,
+            said="",
+        ),
+        all_below(
+            "the difference of the gradient from complex steps",
+            facts["exact_gradient"],
+            1e-12,
+            said="from complex steps they differ by at most {value} and "
+            f"{short(facts['exact_hessian'])}: what remains is the error of the differences",
+        ),
+        all_below(
+            "the difference of the Hessian from complex steps",
+            facts["exact_hessian"],
+            1e-12,
+            said="",
+        ),
+        holds(
+            facts["states"] >= 100,
+            "",
+            f"only {facts['states']:.0f} states are compared, not 100",
+        ),
     ]
 
 

@@ -25,13 +25,16 @@ def balloon_three_radii(claim: Claim, facts: Facts) -> list[Check]:
     return [
         holds(
             facts["equilibria"] == 3 and 0 < facts["pressure"] < 1,
-            f"{facts['equilibria']:.0f} equilibria at {facts['pressure']:.3g} of the limit "
-            "pressure (3 expected below it)",
+            f"at {facts['pressure']:.3g} of the limit pressure three radii are in equilibrium",
+            f"at {facts['pressure']:.3g} of the limit pressure {facts['equilibria']:.0f} radii are "
+            "in equilibrium, not three",
         ),
         holds(
             after > facts["radius_before"] and abs(after / largest - 1) <= 1e-6,
-            f"the radius jumps from {facts['radius_before']:.4g} to {after:.4g}; the largest "
-            f"equilibrium is {largest:.4g}",
+            f"past it the radius jumps from {facts['radius_before']:.4g} to {after:.4g}, the "
+            "largest that the limit pressure can hold",
+            f"past it the radius goes from {facts['radius_before']:.4g} to {after:.4g}, but the "
+            f"largest equilibrium is {largest:.4g}",
         ),
     ]
 
@@ -45,13 +48,13 @@ def pitchfork_table(claim: Claim, facts: Facts) -> list[Check]:
     return [
         holds(
             bool(facts["derivatives_equal"].all()),
-            "the derivatives are those of the table",
+            "computer algebra finds the derivatives of the table",
             "a derivative is not that of the table",
         ),
         holds(
             bool(facts["stability_equal"].all()),
-            "the branch has the stability of the table",
-            "the stability differs from the table",
+            "every branch that is followed has the stability of the table",
+            "the stability of a followed branch differs from the table",
         ),
     ]
 
@@ -61,7 +64,14 @@ def pitchfork_table(claim: Claim, facts: Facts) -> list[Check]:
     residual=number("largest difference of the variation from the balance, over its size"),
 )
 def kirchhoff_balance(claim: Claim, facts: Facts) -> list[Check]:
-    return [all_below("the difference of variation and balance", facts["residual"], 1e-12)]
+    return [
+        all_below(
+            "the difference of variation and balance",
+            facts["residual"],
+            1e-12,
+            said="the variation gives the balance, to {value} of its size",
+        )
+    ]
 
 
 @judge("beam-reduction", equal=flag("whether computer algebra reduces the difference to zero"))
@@ -69,8 +79,8 @@ def beam_reduction(claim: Claim, facts: Facts) -> list[Check]:
     return [
         holds(
             facts["equal"],
-            "the difference is zero by computer algebra",
-            "the difference is not zero",
+            "computer algebra reduces the balance of the rod to that of the beam",
+            "the balance of the rod does not reduce to that of the beam",
         )
     ]
 
@@ -85,17 +95,17 @@ def fvk_energy(claim: Claim, facts: Facts) -> list[Check]:
     return [
         holds(
             facts["stretching_equal"],
-            "the stretching term is equal by computer algebra",
+            "computer algebra finds both terms, of stretching and of bending",
             "the stretching term differs",
         ),
         holds(
             facts["bending_equal"],
-            "the bending term is equal by computer algebra",
+            "",
             "the bending term differs",
         ),
         holds(
             facts["plane_stress"],
-            "minimizing over the transverse strain gives plane stress",
+            "minimizing over the transverse strain leads to plane stress",
             "minimizing over the transverse strain does not give plane stress",
         ),
     ]

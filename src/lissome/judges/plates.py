@@ -22,6 +22,7 @@ from ._core import (
     number,
     numbers,
     same_length,
+    short,
     within_percent,
 )
 
@@ -40,12 +41,12 @@ def laminate_uniform(claim: Claim, facts: Facts) -> list[Check]:
     return [
         holds(
             facts["stretching_equal"],
-            "the stretching term is equal by computer algebra",
+            "computer algebra finds both terms, of stretching and of bending",
             "the stretching term differs",
         ),
         holds(
             facts["bending_equal"],
-            "the bending term is equal by computer algebra",
+            "",
             "the bending term differs",
         ),
     ]
@@ -65,7 +66,7 @@ def laminate_sign_change(claim: Claim, facts: Facts) -> list[Check]:
     ratios = facts["ratios"]
     count = len(ratios)
     true = (facts["changes_down"] == 1) & (facts["changes_up"] == 0)
-    name = "one change of sign with the high-modulus side down, none with it up,"
+    name = "the curvature changes sign once with the high-modulus side down, and never with it up,"
     if true.all():
         signs = Check(Outcome.HOLDS, f"{name} in all {count} fits")
     elif not true.any():
@@ -73,18 +74,23 @@ def laminate_sign_change(claim: Claim, facts: Facts) -> list[Check]:
     else:
         signs = Check(
             Outcome.UNDETERMINED,
-            f"{name} in {true.sum()} of {count} fits: those that fail have strains of the films in "
-            f"ratios from {ratios[~true].min():.3g} to {ratios[~true].max():.3g}, the others from "
-            f"{ratios[true].min():.3g}",
+            f"{name} in {true.sum()} of {count} fits: where the soft film strains "
+            f"{ratios[true].min():.3g} times as much as the stiff one, or more. It fails for ratios "
+            f"from {ratios[~true].min():.3g} to {ratios[~true].max():.3g}",
         )
     monotone = bool(facts["strain_monotone"].all())
     return [
         signs,
         holds(monotone, "the in-plane strain is monotone", "the in-plane strain turns back"),
-        all_below("the sum of the final curvatures", facts["limit_mismatch"], 1e-6),
+        all_below(
+            "the sum of the final curvatures over their size",
+            facts["limit_mismatch"],
+            1e-6,
+            said="the final curvatures are opposite",
+        ),
         holds(
             True,
-            "the in-plane strains of both cases differ on the way by at most "
+            "on the way the in-plane strains of both cases differ by at most "
             f"{facts['strain_apart'].max():.2g} of the final one",
         ),
     ]
@@ -99,8 +105,15 @@ def laminate_sign_change(claim: Claim, facts: Facts) -> list[Check]:
 def jump_height(claim: Claim, facts: Facts) -> list[Check]:
     ratio = facts["modulus"] / facts["printed_modulus"]
     return [
-        within_percent("the height", facts["value"], claim.number, 2, spread=facts.uncertainty),
-        holds(True, f"C from Table A.1 is {ratio:.3g} times the printed one"),
+        within_percent(
+            "the height in m",
+            facts["value"],
+            claim.number,
+            2,
+            spread=facts.uncertainty,
+            said="the printed parameters give the printed height, to {distance} %",
+        ),
+        holds(True, f"the modulus C of Table A.1, however, is {ratio:.3g} times the printed one"),
     ]
 
 
@@ -140,6 +153,7 @@ def _falls_with_offset(name: str, facts: Facts) -> list[Check]:
             "at most 0.1"
         )
     checks = []
+    kept = []
     for fact, way in (("to_edge", "an edge"), ("to_corner", "a corner")):
         if len(facts[fact]) != len(strains) * len(offsets):
             raise InvalidInput(
@@ -147,8 +161,17 @@ def _falls_with_offset(name: str, facts: Facts) -> list[Check]:
                 f"{len(offsets)} offsets are needed"
             )
         for strain, row in zip(strains, facts[fact].reshape(len(strains), -1), strict=True):
-            checks.append(decreasing(f"{name} towards {way} at the strain {strain:g}", row))
-    return checks
+            full = f"{name} towards {way} at the strain {strain:g} (t/L)²"
+            checks.append(decreasing(full, row, said=""))
+            kept.append(row[-1] / row[0])
+    return [
+        Check(
+            Outcome.HOLDS,
+            f"{name} falls towards edge and corner, at every strain tried: an offset of "
+            f"{offsets[-1]:.2g} leaves {100 * min(kept):.2g} to {100 * max(kept):.2g} % of it",
+        ),
+        *checks,
+    ]
 
 
 @judge(
@@ -170,20 +193,27 @@ def offset_height_measured(claim: Claim, facts: Facts) -> list[Check]:
             "the fact 'bounds' must be positive: a sheet that snaps sets energy free"
         )
     share = measured / bounds
-    checks = [decreasing("the measured height", measured)]
-    checks += [decreasing("the bound", row) for row in bounds]
+    checks = [
+        decreasing("the measured height", measured, said="height and energy bound fall alike"),
+        *(decreasing("the bound", row, said="") for row in bounds),
+    ]
+    parts = [
+        f"{_percent_range(part)} at {offset:.2g}"
+        for offset, part in zip(offsets, share.T, strict=True)
+    ]
     checks.append(
         holds(
             bool(np.all(share <= 1)),
-            "the leap is below the energy bound, its share of it "
-            + ", ".join(
-                f"{100 * part.min():.2g} to {100 * part.max():.2g} % at {offset:g}"
-                for offset, part in zip(offsets, share.T, strict=True)
-            ),
+            f"the leap uses little of the bound: {', '.join(parts)}",
             f"a leap is higher than the energy bound, {share.max():.3g} times",
         )
     )
     return checks
+
+
+def _percent_range(shares: Any) -> str:
+    low, high = short(100 * shares.min()), short(100 * shares.max())
+    return f"{low} %" if low == high else f"{low} to {high} %"
 
 
 @judge(
@@ -200,9 +230,19 @@ def thickness_critical_curvature(claim: Claim, facts: Facts) -> list[Check]:
     _several_thicknesses(facts)
     # At a fixed strain kappa_c = (t/L^2) F(strain L^2/t^2) changes as t^(1 - 2 slope).
     return [
-        all_below("the difference of F between thicknesses", facts["collapse"], 1e-5),
-        increasing("F", facts["curvatures"]),
-        all_above("the log-slope of F", facts["slopes"], 0.5),
+        all_below(
+            "the difference of F between thicknesses",
+            facts["collapse"],
+            1e-5,
+            said="the curves of all thicknesses fall on one, F, to {value}",
+        ),
+        increasing("F", facts["curvatures"], said="F rises with the strain"),
+        all_above(
+            "the log-slope of F",
+            facts["slopes"],
+            0.5,
+            said="its log-slope is at least {value}: above 1/2, thicker sheets need less curvature",
+        ),
     ]
 
 
@@ -222,11 +262,16 @@ def thickness_energy(claim: Claim, facts: Facts) -> list[Check]:
     changes = int(np.sum(above[1:] != above[:-1]))
     # At a fixed strain the energy changes as t^(4 - 2 slope).
     return [
-        all_below("the difference of G between thicknesses", facts["collapse"], 1e-5),
+        all_below(
+            "the difference of G between thicknesses",
+            facts["collapse"],
+            1e-5,
+            said="the curves of all thicknesses fall on one, G, to {value}",
+        ),
         holds(
             changes == 1 and bool(above[0]) and bool(np.all(np.diff(strains) > 0)),
-            f"the log-slope of G falls through 2 once, at the strain {facts['crossing']:.0f} "
-            "(t/L)^2: below it thin sheets release more, above it thick ones",
+            f"its log-slope falls through 2 once, at a strain of {facts['crossing']:.0f} (t/L)²: "
+            "below it thin sheets release more, above it thick ones",
             f"the log-slope of G passes 2 {changes} times, from {facts['slopes'][0]:.3g} to "
             f"{facts['slopes'][-1]:.3g}",
         ),
@@ -253,23 +298,25 @@ def released_energy(claim: Claim, facts: Facts) -> list[Check]:
     printed, found = claim.number, facts["stack"]
     pairs = holds(
         bool(np.all(facts["strains"] > 0)),
-        f"{printed:g} belongs to pairs of strain and thickness, from a strain of "
-        f"{facts['strains'].min():.2g} to {facts['strains'].max():.2g} for h/L from "
-        f"{facts['thicknesses'].min():.2g} to {facts['thicknesses'].max():.2g}",
+        f"the printed energy belongs to pairs of strain and thickness, from a strain of "
+        f"{short(facts['strains'].min())} to {short(facts['strains'].max())} for h/L from "
+        f"{short(facts['thicknesses'].min())} to {short(facts['thicknesses'].max())}",
         "some thicknesses release the printed energy at no strain",
     )
     low, high = found.min(), found.max()
-    name = f"the stack snaps in {len(found)} of {facts['fits']:.0f} fits and releases"
+    name = (
+        f"the stack snaps in {len(found)} of {facts['fits']:.0f} fits and releases "
+        f"{short(low)} to {short(high)}"
+    )
     if np.all(np.abs(found / printed - 1) <= 0.2):
-        own = Check(Outcome.HOLDS, f"{name} {low:.2g} to {high:.2g}")
+        own = Check(Outcome.HOLDS, name)
     elif low <= printed <= high:
         own = Check(
             Outcome.UNDETERMINED,
-            f"{name} {low:.2g} to {high:.2g}: the printed value lies between, and the text does not "
-            "say which fit is meant",
+            f"{name}. The printed value lies between, but the text does not say which fit is meant",
         )
     else:
-        own = Check(Outcome.FAILS, f"{name} {low:.2g} to {high:.2g}, never the printed value")
+        own = Check(Outcome.FAILS, f"{name}, never the printed value")
     return [pairs, own]
 
 
@@ -287,8 +334,8 @@ def jump_height_size(claim: Claim, facts: Facts) -> list[Check]:
     return [
         holds(
             ratio <= 1.01,
-            f"sheets up to {grown:.3g} times as large leap equally high, to {100 * (ratio - 1):.1g} %",
-            f"sheets up to {grown:.3g} times as large leap {ratio:.3g} times as high or low",
+            f"a sheet {grown:.3g} times as large leaps as high, to {short(ratio - 1, 1)}",
+            f"among sheets up to {grown:.3g} times as large the height varies {ratio:.3g}-fold",
         )
     ]
 
@@ -310,13 +357,14 @@ def directional_leap(claim: Claim, facts: Facts) -> list[Check]:
     return [
         holds(
             bool(np.all(tilts > facts["tilts_plain"])),
-            f"with legs the sheet leaves {tilts.min():.2g} to {tilts.max():.2g} degrees from the "
-            f"vertical, without {facts['tilts_plain'].min():.2g} to {facts['tilts_plain'].max():.2g}",
+            f"with legs the sheet leaves {tilts.min():.2g}° to {tilts.max():.2g}° from the "
+            f"vertical, without them {facts['tilts_plain'].min():.2g}° to "
+            f"{facts['tilts_plain'].max():.2g}°",
             "legs do not tilt the launch",
         ),
         holds(
             bool(np.all(legs < facts["side"])),
-            f"a rigid sheet has that tilt if its legs differ by {legs.min():.2g} to "
+            f"a rigid sheet is so tilted if its legs differ by {legs.min():.2g} to "
             f"{legs.max():.2g} mm",
             "no legs of a rigid sheet give that tilt",
         ),
@@ -338,8 +386,9 @@ def _in_fits(name: str, true: Any, ratios: Any) -> Check:
         return Check(Outcome.FAILS, f"{name} in none of {count} fits")
     return Check(
         Outcome.UNDETERMINED,
-        f"{name} in {int(true.sum())} of {count} fits: those that do have strains of the stiff film "
-        f"up to {ratios[true].max():.2g} of the soft one's, the others from {ratios[~true].min():.2g}",
+        f"{name} in {int(true.sum())} of {count} fits. In those the stiff film strains up to "
+        f"{short(ratios[true].max())} times as much as the soft one; in the others, "
+        f"{short(ratios[~true].min())} times or more",
     )
 
 
@@ -370,8 +419,8 @@ def sheet_snap_orientation(claim: Claim, facts: Facts) -> list[Check]:
         ),
         holds(
             bool((facts["runs_down"] == facts["runs_predicted"]).all()),
-            "full runs do what the master curve says",
-            "a full run does not do what the master curve says",
+            "full runs do what the scaling law says",
+            "a full run does not do what the scaling law says",
         ),
     ]
 
@@ -386,10 +435,23 @@ def sheet_snap_orientation(claim: Claim, facts: Facts) -> list[Check]:
 def dome_first_up(claim: Claim, facts: Facts) -> list[Check]:
     errors = np.abs(facts["cone_errors"])
     return [
-        all_above("the center over the lowest part of the rim", facts["lifts"].min(), 0.0, "L"),
-        holds(facts["inverts"], "the sheet inverts later", "the sheet does not invert later"),
-        decreasing("the distance from the height of a cone", errors),
-        all_below("that distance without thickness", abs(facts["cone_limit"]), 0.02),
+        all_above(
+            "the height of the center over the lowest part of the rim",
+            facts["lifts"].min(),
+            0.0,
+            "L",
+            said="the sheet first rises: its center stands at least {value} over the lowest part of "
+            "the rim until it inverts",
+        ),
+        holds(facts["inverts"], "", "the sheet does not invert later"),
+        decreasing("the distance from the height of a cone", errors, said=""),
+        all_below(
+            "the distance from a cone without thickness",
+            abs(facts["cone_limit"]),
+            0.02,
+            said="ever thinner sheets tend to the cone of slope √(2Δ), whose height is met within "
+            f"{short(100 * abs(facts['cone_limit']))} %",
+        ),
     ]
 
 
@@ -405,17 +467,19 @@ def laminate_variants(claim: Claim, facts: Facts) -> list[Check]:
     names = ("base", "two_stiff", "thin", "thick")
     same_length(facts, "ratios", *names)
     all_snap = np.all([facts[name] > 0 for name in names], axis=0)
-    checks = [_in_fits("all four stacks snap, as they did,", all_snap, facts["ratios"])]
+    checks = [_in_fits("all four stacks snap, as was observed,", all_snap, facts["ratios"])]
     for name, stack in (("two_stiff", "2 stiff + 1 soft"), ("thin", "1 stiff + 1 soft")):
         both = (facts["base"] > 0) & (facts[name] > 0)
         if not both.any():
             checks.append(
-                Check(Outcome.UNDETERMINED, f"{stack} films snap in no fit in which the sheet does")
+                Check(
+                    Outcome.UNDETERMINED, f"{stack} films snap in no fit in which the sheet snaps"
+                )
             )
             continue
         checks.append(
             _in_fits(
-                f"the bound of the leap of {stack} films is lower than that of the sheet",
+                f"{stack} films have less energy to leap than the sheet",
                 facts[name][both] < facts["base"][both],
                 facts["ratios"][both],
             )

@@ -35,14 +35,32 @@ __all__ = ["JUDGES"]
 def moebius_shape(claim: Claim, facts: Facts) -> list[Check]:
     zeros = facts["inflections"]
     return [
-        within("twist plus writhe", facts["value"], 0.5, 1e-6, spread=facts.uncertainty),
+        within(
+            "twist plus writhe",
+            facts["value"],
+            0.5,
+            1e-6,
+            spread=facts.uncertainty,
+            said="twist and writhe add up to half a turn, to {distance}",
+        ),
         holds(
             zeros == 1,
             "bending vanishes once",
             f"bending vanishes {zeros:g} times instead of once",
         ),
-        all_below("the asymmetry under a half turn", facts["asymmetry"], 1e-8, "L"),
-        all_above("the smallest eigenvalue", facts["eigenvalue"], 0.0),
+        all_below(
+            "the asymmetry under a half turn",
+            facts["asymmetry"],
+            1e-8,
+            "L",
+            said="turned about its axis of symmetry, the band meets itself to {value}",
+        ),
+        all_above(
+            "the smallest eigenvalue",
+            facts["eigenvalue"],
+            0.0,
+            said="it is stable: the smallest eigenvalue is {value}",
+        ),
     ]
 
 
@@ -57,14 +75,26 @@ def moebius_strains(claim: Claim, facts: Facts) -> list[Check]:
     same_length(facts, "half_widths", "energies", "strains")
     least, most = facts["half_widths"].min(), facts["half_widths"].max()
     return [
-        all_below("the difference of the extrapolated energies", facts["energies"], 1e-4),
-        all_below("the difference of the strains at N = 250", facts["strains"], 1e-2),
+        all_below(
+            "the difference of the extrapolated energies",
+            facts["energies"],
+            1e-4,
+            said=f"at {len(facts['half_widths'])} half widths from {least:g} to {most:g} (for "
+            "L = 2π) the extrapolated energies are those of the boundary-value problem to {value}",
+        ),
+        all_below(
+            "the difference of the strains at N = 250",
+            facts["strains"],
+            1e-2,
+            said="the strains with 250 segments agree to {value}",
+        ),
         holds(
             bool(len(facts["half_widths"]) >= 3 and least <= 0.1 and most >= 1.5),
-            f"compared at {len(facts['half_widths'])} half widths from {least:g} to {most:g} "
-            "(L = 2 pi; 0.1 to 1.5 is demanded)",
+            "",
+            f"only {len(facts['half_widths'])} half widths from {least:g} to {most:g} are compared, "
+            "not three or more from 0.1 to 1.5",
         ),
-        agrees_with_measurement("moebius-strains", facts, "measured", 0.5),
+        agrees_with_measurement("moebius-strains", facts, "measured", 0.5, "published curves"),
     ]
 
 
