@@ -20,8 +20,8 @@ from lissome.plates import meshes
 from lissome.plates._fvk_kernel import membrane
 from lissome.plates.fvk import MixedPlate, Plate
 from lissome.plates.snap import critical_curvature, dome
+from lissome.references.disc import AxisymmetricDisc, fold
 from lissome.references.linear_plate import clamped_square
-from lissome.references.plate import AxisymmetricDisc, fold
 
 NU = 0.5
 DOME = AxisymmetricDisc(bending=1e-4, poisson_ratio=NU, radius=0.5, strain=(0.01, -0.02))

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import lissome as ls
 from lissome import rods
-from lissome.references.ring import RingSection, mode_threshold
+from lissome.references.circles import RingSection, mode_threshold
 from lissome.rods.centerline import CenterlineState
 from lissome.rods.centerline_structure import CenterlineTwist
 

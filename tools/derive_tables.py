@@ -14,7 +14,14 @@ import numpy as np
 from mpmath import cos, cosh, mp, mpf, nstr, sin, sinh, sqrt
 
 from lissome import literature
-from lissome.references import buckling, folding, lateral_buckling, moebius, ribbon_twist, ring
+from lissome.references import (
+    buckled_cantilever,
+    circles,
+    folding,
+    lateral_buckling,
+    moebius,
+    ribbon_twist,
+)
 from lissome.references.ribbon_twist import Ribbon
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -62,8 +69,12 @@ def digits(value: float, count: int = 10) -> str:
 def cantilever_rows() -> Iterable[list[str]]:
     """Fig. 4.4 of the thesis: loads up to five times the critical one."""
     for kind, critical, tips in (
-        ("end", buckling.end_loads()[0], buckling.end_load_tips),
-        ("distributed", buckling.distributed_loads()[0], buckling.distributed_load_tips),
+        ("end", buckled_cantilever.end_loads()[0], buckled_cantilever.end_load_tips),
+        (
+            "distributed",
+            buckled_cantilever.distributed_loads()[0],
+            buckled_cantilever.distributed_load_tips,
+        ),
     ):
         steps = [*np.linspace(0.0, 1.0, 5), *np.linspace(1.0, 1.2, 11)[1:]]
         ratios = np.array([*steps, *np.linspace(1.2, 5.0, 39)[1:]])
@@ -72,9 +83,9 @@ def cantilever_rows() -> Iterable[list[str]]:
             yield [kind, digits(load, 6), digits(x), digits(y)]
 
 
-def slinky(constant: float | None, radial: str = "width") -> ring.RingSection:
+def slinky(constant: float | None, radial: str = "width") -> circles.RingSection:
     """Bar of 5 mm by 2 mm with Poisson's ratio 0.41; the exact torsion constant by default."""
-    return ring.RingSection.rectangle(5.0, 2.0, 0.41, radial=radial, torsion_constant=constant)
+    return circles.RingSection.rectangle(5.0, 2.0, 0.41, radial=radial, torsion_constant=constant)
 
 
 TORSION = {"thesis": 0.256, "exact": None}
@@ -84,7 +95,7 @@ def threshold_rows() -> Iterable[list[str]]:
     for name, constant in TORSION.items():
         for radial in ("width", "thickness"):
             for turns in (1, 2, 3, 4):
-                low, high = ring.stable_range(slinky(constant, radial), turns)
+                low, high = circles.stable_range(slinky(constant, radial), turns)
                 yield [name, radial, str(turns), digits(low), digits(high)]
 
 
@@ -92,7 +103,7 @@ def slinky_rows() -> Iterable[list[str]]:
     """Fig. 4.5b of the thesis."""
     for name, constant in TORSION.items():
         section = slinky(constant)
-        onset, end = ring.mode_threshold(section, 1, 2), ring.mode_threshold(section, 3, 2)
+        onset, end = circles.mode_threshold(section, 1, 2), circles.mode_threshold(section, 3, 2)
         for o in np.round(np.linspace(1.0, 3.1, 106), 2):
             if onset < o < end:
                 fold = folding.folded_ring(section, float(o))

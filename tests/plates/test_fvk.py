@@ -12,7 +12,7 @@ from lissome.errors import InvalidInput
 from lissome.factorization import SparseKKT
 from lissome.plates import Defect, Laminate, Layer, SigmoidCurve, meshes
 from lissome.plates.fvk import MixedPlate, Plate, PlateState
-from lissome.references.plate import AxisymmetricDisc, buckling_strain, fold
+from lissome.references.disc import AxisymmetricDisc, buckling_strain, fold
 
 NONE = np.zeros(0)
 

@@ -11,7 +11,7 @@ from lissome.errors import InvalidInput, NotConverged, StabilityNotResolvable
 from lissome.plates import Defect, meshes, snap
 from lissome.plates.fvk import Plate
 from lissome.plates.snap import critical_curvature, dome, inversion, sheet
-from lissome.references.plate import AxisymmetricDisc, fold
+from lissome.references.disc import AxisymmetricDisc, fold
 
 DOME = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5, radius=0.5, strain=(0.01, -0.02))
 

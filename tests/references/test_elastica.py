@@ -130,21 +130,6 @@ def test_small_transverse_load_is_the_linear_beam():
     assert rod.angle == pytest.approx(1e-4 / 2, rel=1e-7)
 
 
-def test_heavy_column_against_its_boundary_value_problem():
-    """theta'' + q (1 - s) theta = 0, theta(0) = theta'(1) = 0 has a solution at the load."""
-
-    def right(s, y, p):
-        return np.array([y[1], -p[0] * (1 - s) * y[0]])
-
-    def ends(a, b, p):
-        return np.array([a[0], b[1], a[1] - 1.0])
-
-    s = np.linspace(0, 1, 41)
-    run = solve_bvp(right, ends, s, np.stack([np.sin(1.5 * s), np.cos(1.5 * s)]), p=[7.0], tol=1e-8)
-    assert run.success
-    assert run.p[0] == pytest.approx(elastica.heavy_column_load(), rel=1e-7)
-
-
 @pytest.mark.parametrize("span", [0.0, 1.0, 1.2, -0.1, np.nan])
 def test_span_out_of_range(span):
     with pytest.raises(InvalidInput, match="span"):

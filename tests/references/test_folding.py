@@ -6,8 +6,8 @@ from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import root
 
 from lissome.errors import InvalidInput, NotConverged
-from lissome.references import folding, ring
-from lissome.references.ring import RingSection
+from lissome.references import circles, folding
+from lissome.references.circles import RingSection
 
 SLINKY = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
 OTHERS = [
@@ -18,7 +18,7 @@ OTHERS = [
 
 
 def _middle(section, part):
-    low, high = ring.mode_threshold(section, 1, 2), ring.mode_threshold(section, 3, 2)
+    low, high = circles.mode_threshold(section, 1, 2), circles.mode_threshold(section, 3, 2)
     return low + part * (high - low)
 
 
@@ -181,7 +181,7 @@ def test_the_slinky_is_stable_all_along_its_branch(part):
 def test_branch_leaves_and_meets_the_circles_at_the_exact_thresholds():
     """Height squared is proportional to the distance from the threshold, at both ends."""
     for turns, side in ((1, 1.0), (3, -1.0)):
-        place = ring.mode_threshold(SLINKY, turns, 2)
+        place = circles.mode_threshold(SLINKY, turns, 2)
         steps = np.array([1e-3, 1e-5])
         rings = [folding.folded_ring(SLINKY, place + side * step) for step in steps]
         ratio = np.array([fold.height for fold in rings]) ** 2 / steps

@@ -7,7 +7,7 @@ import lissome as ls
 from lissome import rods
 from lissome.errors import InvalidInput
 from lissome.references import folding, helix, twist
-from lissome.references.ring import RingSection, mode_threshold
+from lissome.references.circles import RingSection, mode_threshold
 from lissome.rods.quaternions import conjugate, exponential, multiply
 
 SECTIONS = [

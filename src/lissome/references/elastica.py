@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from scipy.special import ellipe, ellipj, ellipk, ellipkm1, elliprd, elliprf, jv
+from scipy.special import ellipe, ellipj, ellipk, ellipkm1, elliprd, elliprf
 
 from .._validate import finite_array, in_open_interval, positive
 from ..errors import InvalidInput, NotConverged
@@ -25,7 +25,6 @@ __all__ = [
     "buckled_strip",
     "clamped_column_loads",
     "compressed_cantilever",
-    "heavy_column_load",
     "lowest_eigenvalues",
     "transverse_cantilever",
 ]
@@ -430,19 +429,3 @@ def compressed_cantilever(load: float) -> Cantilever:
 
 def _quarter(log_complement: float) -> float:
     return float(ellipkm1(np.exp(log_complement)))
-
-
-def heavy_column_load() -> float:
-    r"""Weight at which a clamped-free column buckles under itself.
-
-    :math:`q l^3/EI = \tfrac94 j^2` with the first zero :math:`j = 1.8663508...` of
-    :math:`J_{-1/3}`.
-
-    Examples
-    --------
-    >>> from lissome.references.elastica import heavy_column_load
-    >>> round(heavy_column_load(), 6)
-    7.837347
-    """
-    zero = brentq(lambda t: jv(-1.0 / 3.0, t), 1.5, 2.2, xtol=1e-15)
-    return float(2.25 * zero * zero)

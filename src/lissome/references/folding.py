@@ -1,6 +1,6 @@
 r"""The over-curved ring between the single and the triple circle, in the continuum.
 
-Section, overcurvature and frame are those of :mod:`lissome.references.ring`; formulas are for length
+Section, overcurvature and frame are those of :mod:`lissome.references.circles`; formulas are for length
 :math:`2\pi`.
 
 The branch from the single to the triple circle keeps two mirror planes and
@@ -22,7 +22,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from .._validate import finite, finite_array, positive
 from ..errors import InvalidInput, NotConverged
-from .ring import RingSection, mode_threshold, second_variation_spectrum, stable_range
+from .circles import RingSection, mode_threshold, second_variation_spectrum, stable_range
 
 __all__ = [
     "FoldedRing",
@@ -76,7 +76,7 @@ class FoldedRing:
 
     >>> import numpy as np
     >>> from lissome.references.folding import even_fold, folded_ring
-    >>> from lissome.references.ring import RingSection
+    >>> from lissome.references.circles import RingSection
     >>> section = RingSection(2.0, 1.0, 1.0)
     >>> ring = folded_ring(section, 2.1)
     >>> s = [0.0, 0.1, 0.2]
@@ -186,7 +186,7 @@ def folded_ring(
     Examples
     --------
     >>> from lissome.references.folding import folded_ring
-    >>> from lissome.references.ring import RingSection
+    >>> from lissome.references.circles import RingSection
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> round(folded_ring(slinky, 1.5).distance, 6)
     0.23202
@@ -451,7 +451,7 @@ def even_fold(section: RingSection, overcurvature: float, position: npt.ArrayLik
     Examples
     --------
     >>> from lissome.references.folding import even_fold
-    >>> from lissome.references.ring import RingSection
+    >>> from lissome.references.circles import RingSection
     >>> even_fold(RingSection(2.0, 1.0, 1.0), 2.25, [0.0, 0.5])[:, :2].round(12) + 0.0
     array([[0., 0.],
            [0., 0.]])
@@ -499,7 +499,7 @@ def opposite_distance(section: RingSection, overcurvature: npt.ArrayLike) -> Arr
     Examples
     --------
     >>> from lissome.references.folding import opposite_distance
-    >>> from lissome.references.ring import RingSection
+    >>> from lissome.references.circles import RingSection
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> opposite_distance(slinky, [1.0, 2.0, 3.0]).round(6)
     array([0.31831 , 0.103667, 0.106103])
@@ -540,7 +540,7 @@ def crossing_overcurvature(section: RingSection) -> float:
     Examples
     --------
     >>> from lissome.references.folding import crossing_overcurvature
-    >>> from lissome.references.ring import RingSection
+    >>> from lissome.references.circles import RingSection
     >>> round(crossing_overcurvature(RingSection(2.0, 1.0, 1.0)), 9)
     2.25
     """

@@ -1,4 +1,6 @@
-r"""Lateral-torsional buckling of a ribbon that is clamped level, width upright, under its own weight.
+r"""Lateral-torsional buckling of a cantilever that is clamped level, width upright, under its weight.
+
+Under a load at its end instead, it turns over at :func:`end_load`.
 
 Unit length, arc length s from the clamp, bending stiffness :math:`B = Yat^3/12` about the weak axis,
 infinite about the strong one; the load is :math:`\gamma = q l^3/B` with the weight q per unit length
@@ -48,6 +50,7 @@ __all__ = [
     "Postbuckling",
     "curvature_scale",
     "eigenvalues",
+    "end_load",
     "koiter_width_coefficient",
     "linear_load",
     "mode",
@@ -126,6 +129,39 @@ def mode(position: npt.ArrayLike) -> Array:
         value = scale * np.sqrt(np.abs(x)) * jv(-1.0 / 6.0, z)
     value = np.where(z < 1e-12, 1.0, value)
     return np.asarray(np.where(s == 0.0, 0.0, value))
+
+
+def end_load(bending: float, torsion: float) -> float:
+    r"""End load at which a deep cantilever turns over sideways (Prandtl and Michell, 1899).
+
+    The beam is much stiffer in the plane of the load than out of it (B) and in torsion (C); its twist
+    obeys :math:`\varphi'' + (P^2/BC)\,\sigma^2\varphi = 0` with the distance :math:`\sigma` from the free
+    end, hence
+
+    .. math:: P = 2\,j\,\sqrt{BC}, \qquad J_{-1/4}(j) = 0, \qquad 2j = 4.0126 .
+
+    Parameters
+    ----------
+    bending, torsion : float
+        B and C, for unit length.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InvalidInput
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> from lissome.references.lateral_buckling import end_load
+    >>> round(end_load(1.0, 1.0), 6)
+    4.012599
+    """
+    product = positive("bending", bending) * positive("torsion", torsion)
+    return float(2.0 * brentq(lambda t: jv(-0.25, t), 1.5, 2.5, xtol=1e-15) * np.sqrt(product))
 
 
 def linear_load(poisson_ratio: float) -> float:

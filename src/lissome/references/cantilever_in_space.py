@@ -1,4 +1,4 @@
-r"""Cantilevers in space: Kirchhoff rods under a dead end force, by shooting; lateral buckling.
+r"""Cantilevers in space: Kirchhoff rods under a dead end force, by shooting.
 
 An inextensible rod of unit length is clamped at the origin with its directors along the axes (tangent
 along the third) and carries a dead force F at its free end. Its internal force is F everywhere; in the
@@ -19,48 +19,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
-from scipy.special import jv
 
-from .._validate import finite_array, positive
+from .._validate import finite_array
 from ..errors import InvalidInput, NotConverged
 
-__all__ = ["SpatialCantilever", "lateral_buckling_load", "spatial_cantilever"]
+__all__ = ["SpatialCantilever", "spatial_cantilever"]
 
 Array = npt.NDArray[np.float64]
-
-
-def lateral_buckling_load(bending: float, torsion: float) -> float:
-    r"""End load at which a deep cantilever turns over sideways (Prandtl and Michell, 1899).
-
-    The beam is much stiffer in the plane of the load than out of it (B) and in torsion (C); its twist
-    obeys :math:`\varphi'' + (P^2/BC)\,\sigma^2\varphi = 0` with the distance :math:`\sigma` from the free
-    end, hence
-
-    .. math:: P = 2\,j\,\sqrt{BC}, \qquad J_{-1/4}(j) = 0, \qquad 2j = 4.0126 .
-
-    Parameters
-    ----------
-    bending, torsion : float
-        B and C, for unit length.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    InvalidInput
-        If an argument is out of its range.
-
-    Examples
-    --------
-    >>> from lissome.references.spatial import lateral_buckling_load
-    >>> round(lateral_buckling_load(1.0, 1.0), 6)
-    4.012599
-    """
-    product = positive("bending", bending) * positive("torsion", torsion)
-    return float(2.0 * brentq(lambda t: jv(-0.25, t), 1.5, 2.5, xtol=1e-15) * np.sqrt(product))
 
 
 @dataclass(frozen=True)
@@ -87,7 +52,7 @@ class SpatialCantilever:
     The clamp bears the moment of the force about it, also when the rod leaves its plane:
 
     >>> import numpy as np
-    >>> from lissome.references.spatial import spatial_cantilever
+    >>> from lissome.references.cantilever_in_space import spatial_cantilever
     >>> rod = spatial_cantilever([1.0, 0.5, -0.5], stiffness=(1.0, 2.0, 1.5))
     >>> print(np.allclose(rod.clamp_moment, np.cross(rod.tip, rod.force), atol=1e-9))
     True
@@ -145,7 +110,7 @@ def spatial_cantilever(
 
     Examples
     --------
-    >>> from lissome.references.spatial import spatial_cantilever
+    >>> from lissome.references.cantilever_in_space import spatial_cantilever
     >>> rod = spatial_cantilever([5.0, 0.0, 0.0])
     >>> rod.tip[[0, 2]].round(6)
     array([0.713792, 0.612372])

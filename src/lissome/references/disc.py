@@ -94,7 +94,7 @@ class AxisymmetricDisc:
     --------
     A load that is small: q R^4/(64 D) at the center of a clamped disc.
 
-    >>> from lissome.references.plate import AxisymmetricDisc
+    >>> from lissome.references.disc import AxisymmetricDisc
     >>> disc = AxisymmetricDisc(bending=1e-2, poisson_ratio=0.3, edge="clamped", pressure=1e-9)
     >>> flexural = 1e-2 / (1 - 0.3**2)
     >>> round(disc.solve().height * 64 * flexural / 1e-9, 6)
@@ -279,7 +279,7 @@ class AxisymmetricState:
     --------
     Under a small load a clamped disc takes the shape :math:`(1 - r^2)^2`:
 
-    >>> from lissome.references.plate import AxisymmetricDisc
+    >>> from lissome.references.disc import AxisymmetricDisc
     >>> disc = AxisymmetricDisc(bending=1e-2, poisson_ratio=0.3, edge="clamped", pressure=1e-9)
     >>> state = disc.solve()
     >>> print((state.deflection([0.0, 0.5, 1.0]) / state.height).round(6) + 0.0)
@@ -499,7 +499,7 @@ def fold(
     --------
     A dome of a strain with a defect: spontaneous curvature against it lowers the dome, until it folds.
 
-    >>> from lissome.references.plate import AxisymmetricDisc, fold
+    >>> from lissome.references.disc import AxisymmetricDisc, fold
     >>> disc = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5, radius=0.5, strain=(0.01, -0.02))
     >>> dome = disc.solve(height=0.1)
     >>> p, last = fold(dome, (-1.0, 2.0), step=0.2, most=2.0)
@@ -611,7 +611,7 @@ def buckling_strain(thickness: float, poisson_ratio: float) -> float:
 
     Examples
     --------
-    >>> from lissome.references.plate import buckling_strain
+    >>> from lissome.references.disc import buckling_strain
     >>> round(buckling_strain(0.02, 0.5) / buckling_strain(0.01, 0.5), 9)
     4.0
     """

@@ -6,7 +6,8 @@ from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
 from lissome.errors import InvalidInput, NotConverged
-from lissome.references import elastica, spatial
+from lissome.references import elastica, lateral_buckling
+from lissome.references.cantilever_in_space import spatial_cantilever
 
 
 @pytest.mark.parametrize("load", [0.5, 5.0, 12.0])
@@ -16,7 +17,7 @@ def test_planar_loads(load):
     for axis, stiffness in ((0, [3.0, 1.0, 2.0]), (1, [1.0, 3.0, 0.1])):
         force = np.zeros(3)
         force[axis] = load
-        rod = spatial.spatial_cantilever(force, stiffness=stiffness)
+        rod = spatial_cantilever(force, stiffness=stiffness)
         expected = np.zeros(3)
         expected[[axis, 2]] = planar.y, planar.x
         assert np.allclose(rod.tip, expected, atol=1e-9)
@@ -26,7 +27,7 @@ def test_planar_loads(load):
 
 def test_isotropic_rod_bends_in_the_plane_of_the_force():
     planar = elastica.transverse_cantilever(4.0)
-    rod = spatial.spatial_cantilever([4.0 * np.cos(0.7), 4.0 * np.sin(0.7), 0.0])
+    rod = spatial_cantilever([4.0 * np.cos(0.7), 4.0 * np.sin(0.7), 0.0])
     expected = [planar.y * np.cos(0.7), planar.y * np.sin(0.7), planar.x]
     assert np.allclose(rod.tip, expected, atol=1e-9)
     assert abs(rod.clamp_moment[2]) < 1e-9
@@ -36,7 +37,7 @@ def test_oblique_force_by_collocation():
     """Anisotropic, naturally curved and twisted; quaternions and collocation instead."""
     stiffness, natural = np.array([1.0, 2.5, 0.7]), np.array([0.4, 1.1, -0.8])
     force = np.array([1.5, -2.0, 0.8])
-    rod = spatial.spatial_cantilever(force, stiffness=stiffness, natural=natural)
+    rod = spatial_cantilever(force, stiffness=stiffness, natural=natural)
 
     def right(s, y):
         q, m = y[3:7], y[7:]
@@ -64,7 +65,7 @@ def test_oblique_force_by_collocation():
 
 def test_moment_at_the_clamp_is_that_of_the_force():
     force = np.array([2.0, 1.0, -0.5])
-    rod = spatial.spatial_cantilever(force, stiffness=[1.0, 4.0, 0.5], natural=[0.0, 0.5, 0.3])
+    rod = spatial_cantilever(force, stiffness=[1.0, 4.0, 0.5], natural=[0.0, 0.5, 0.3])
     assert np.allclose(rod.clamp_moment, np.cross(rod.tip, force), atol=1e-9)
 
 
@@ -75,8 +76,7 @@ def test_work_of_the_force_is_the_energy():
     rows, work = [], []
     for j in range(3):
         up, down = (
-            spatial.spatial_cantilever(force + sign * step * np.eye(3)[j], **options)
-            for sign in (1, -1)
+            spatial_cantilever(force + sign * step * np.eye(3)[j], **options) for sign in (1, -1)
         )
         rows.append((up.tip - down.tip) / (2 * step))
         work.append((up.energy - down.energy) / (2 * step))
@@ -90,12 +90,12 @@ def test_lateral_buckling_from_the_response_to_a_side_load():
 
     The stiff plane is taken ever stiffer, since the closed form neglects bending in it.
     """
-    exact = spatial.lateral_buckling_load(1.0, 0.6)
+    exact = lateral_buckling.end_load(1.0, 0.6)
     found = []
     for stiff in (500.0, 2000.0):
         loads = exact * np.array([0.97, 0.99])
         softness = [
-            spatial.spatial_cantilever([1e-5, load, 0.0], stiffness=[stiff, 1.0, 0.6]).tip[0] / 1e-5
+            spatial_cantilever([1e-5, load, 0.0], stiffness=[stiff, 1.0, 0.6]).tip[0] / 1e-5
             for load in loads
         ]
         # 1/compliance is linear in the square of the load near the critical one, to first order
@@ -107,18 +107,18 @@ def test_lateral_buckling_from_the_response_to_a_side_load():
 
 
 def test_the_branch_ends_at_the_lateral_buckling_load():
-    load = 1.02 * spatial.lateral_buckling_load(1.0, 0.6)
+    load = 1.02 * lateral_buckling.end_load(1.0, 0.6)
     with pytest.raises(NotConverged, match=r"beyond 0\.9"):
-        spatial.spatial_cantilever([0.0, load, 0.0], stiffness=[2000.0, 1.0, 0.6])
+        spatial_cantilever([0.0, load, 0.0], stiffness=[2000.0, 1.0, 0.6])
     with pytest.raises(NotConverged, match=r"beyond 0\.9"):
-        spatial.spatial_cantilever([0.0, 0.0, -2.6], stiffness=[1.0, 2.0, 1.0])  # Euler: pi^2/4
+        spatial_cantilever([0.0, 0.0, -2.6], stiffness=[1.0, 2.0, 1.0])  # Euler: pi^2/4
 
 
 def test_bad_input():
     with pytest.raises(InvalidInput, match="stiffness"):
-        spatial.spatial_cantilever([1.0, 0, 0], stiffness=[1.0, -1.0, 1.0])
+        spatial_cantilever([1.0, 0, 0], stiffness=[1.0, -1.0, 1.0])
     with pytest.raises(InvalidInput, match="force"):
-        spatial.spatial_cantilever([1.0, 0])
-    rod = spatial.spatial_cantilever([0.1, 0, 0])
+        spatial_cantilever([1.0, 0])
+    rod = spatial_cantilever([0.1, 0, 0])
     with pytest.raises(InvalidInput, match="position"):
         rod.points([0.5, 0.2])

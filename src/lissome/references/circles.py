@@ -89,7 +89,7 @@ def rectangle_torsion_constant(aspect: float) -> float:
 
     Examples
     --------
-    >>> from lissome.references.ring import rectangle_torsion_constant
+    >>> from lissome.references.circles import rectangle_torsion_constant
     >>> round(rectangle_torsion_constant(2.5), 6), round(rectangle_torsion_constant(1.0), 6)
     (0.249365, 0.140577)
     """
@@ -121,7 +121,7 @@ class RingSection:
 
     Examples
     --------
-    >>> from lissome.references.ring import RingSection
+    >>> from lissome.references.circles import RingSection
     >>> section = RingSection.rectangle(5.0, 2.0, 0.41)
     >>> round(section.in_plane / section.out_of_plane, 6)
     6.25
@@ -222,7 +222,7 @@ def mode_threshold(
 
     Examples
     --------
-    >>> from lissome.references.ring import RingSection, mode_threshold
+    >>> from lissome.references.circles import RingSection, mode_threshold
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> round(mode_threshold(slinky, 1, 2), 6), round(mode_threshold(slinky, 1, 2, segments=100), 6)
     (1.16692, 1.167058)
@@ -275,7 +275,7 @@ def stable_range(section: RingSection, turns: int) -> tuple[float, float]:
 
     Examples
     --------
-    >>> from lissome.references.ring import RingSection, stable_range
+    >>> from lissome.references.circles import RingSection, stable_range
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> tuple(round(value, 6) for value in stable_range(slinky, 3))
     (2.833233, 3.166881)
@@ -313,7 +313,7 @@ def turned_circle(section: RingSection, overcurvature: float) -> float:
 
     Examples
     --------
-    >>> from lissome.references.ring import RingSection, turned_circle
+    >>> from lissome.references.circles import RingSection, turned_circle
     >>> soft = RingSection(4.0, 1.0, 1.0)
     >>> round(turned_circle(soft, 0.375), 6)
     1.047198
@@ -355,7 +355,7 @@ def circle_spectrum(
 
     Examples
     --------
-    >>> from lissome.references.ring import RingSection, circle_spectrum
+    >>> from lissome.references.circles import RingSection, circle_spectrum
     >>> slinky = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
     >>> bool(circle_spectrum(slinky, 3, 2.9).min() > -1e-9)
     True
@@ -419,7 +419,7 @@ def second_variation_spectrum(
     that mode is, in its two phases, as well:
 
     >>> import numpy as np
-    >>> from lissome.references.ring import RingSection, mode_threshold, second_variation_spectrum
+    >>> from lissome.references.circles import RingSection, mode_threshold, second_variation_spectrum
     >>> section = RingSection(2.0, 1.0, 1.0)
     >>> a = 2 * np.pi * np.arange(32) / 32
     >>> tangent = np.stack([np.cos(a), np.sin(a), 0 * a], axis=-1)

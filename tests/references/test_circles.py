@@ -5,8 +5,8 @@ import pint
 import pytest
 
 from lissome.errors import InvalidInput
-from lissome.references import ring
-from lissome.references.ring import RingSection
+from lissome.references import circles
+from lissome.references.circles import RingSection
 
 SLINKY = RingSection.rectangle(5.0, 2.0, 0.41, torsion_constant=0.256)
 SECTIONS = [
@@ -28,10 +28,10 @@ def test_thresholds_of_the_slinky_without_the_library():
         total, product = outer + c, outer * c
         for turns, mode, sign in ((1, 2, 1), (3, 2, 1), (3, 4, 1)):
             root = np.roots([1.0, turns * total, -product * (mode**2 - turns**2)])
-            found = ring.mode_threshold(section, turns, mode)
+            found = circles.mode_threshold(section, turns, mode)
             assert found == pytest.approx(turns + sign * root.max() / inner, rel=1e-13)
     ends = [
-        ring.mode_threshold(RingSection.rectangle(w, t, 0.41, radial=side), 3, 2)
+        circles.mode_threshold(RingSection.rectangle(w, t, 0.41, radial=side), 3, 2)
         for side in ("width", "thickness")
     ]
     assert abs(ends[0] - 2.85) < 0.02 < abs(ends[1] - 2.85)
@@ -47,25 +47,25 @@ def test_overcurvature_of_the_flat_circle_is_one():
     assert ratio.magnitude == pytest.approx(1.0, rel=1e-15)
     assert not (2 * np.pi * natural / length).dimensionless
     # in these units the circle itself has no strain energy, at O = 1
-    assert ring.circle_spectrum(SLINKY, 1, ratio.magnitude).min() > -1e-12
+    assert circles.circle_spectrum(SLINKY, 1, ratio.magnitude).min() > -1e-12
 
 
 @pytest.mark.parametrize("section", SECTIONS)
 @pytest.mark.parametrize("turns", [1, 2, 3, 4])
 def test_circle_is_stable_exactly_between_its_thresholds(section, turns):
     """The Galerkin spectrum has three zeros inside, a new one at each end, a negative one outside."""
-    low, high = ring.stable_range(section, turns)
+    low, high = circles.stable_range(section, turns)
     scale = max(section.out_of_plane, section.torsion) * turns**2
     width = high - low
     assert width > 0
     for place in (low + 1e-3 * width, 0.5 * (low + high), high - 1e-3 * width):
-        values = ring.circle_spectrum(section, turns, place)
+        values = circles.circle_spectrum(section, turns, place)
         assert np.all(np.abs(values[:3]) < 1e-11 * scale)
         assert values[3] > 1e-6 * scale
     for place in (low - 1e-3 * width, high + 1e-3 * width):
-        assert ring.circle_spectrum(section, turns, place)[0] < -1e-6 * scale
+        assert circles.circle_spectrum(section, turns, place)[0] < -1e-6 * scale
     for place, extra in ((low, 1 if turns == 1 else 2), (high, 2)):
-        values = ring.circle_spectrum(section, turns, place, count=7)
+        values = circles.circle_spectrum(section, turns, place, count=7)
         assert np.sum(np.abs(values) < 1e-10 * scale) == 3 + extra
         assert values.min() > -1e-10 * scale
 
@@ -75,8 +75,8 @@ def test_every_mode_is_neutral_at_its_threshold():
         for mode in range(0, 7):
             if mode == turns:
                 continue
-            place = ring.mode_threshold(SLINKY, turns, mode)
-            values = ring.circle_spectrum(SLINKY, turns, place, count=20)
+            place = circles.mode_threshold(SLINKY, turns, mode)
+            values = circles.circle_spectrum(SLINKY, turns, place, count=20)
             assert np.sum(np.abs(values) < 1e-9) == 3 + (1 if mode == 0 else 2)
 
 
@@ -85,14 +85,14 @@ def test_equal_stiffnesses_space_the_thresholds_evenly():
     for turns in (1, 3):
         for mode in (1, 2, 4, 5):
             if mode != turns:
-                found = ring.mode_threshold(section, turns, mode)
+                found = circles.mode_threshold(section, turns, mode)
                 assert found == pytest.approx(turns + (mode - turns) * 2.0 / 5.0, rel=1e-14)
 
 
 def test_straight_isotropic_rod_turns_freely_in_a_ring():
     """Bent to a ring, a straight rod of round section may spin about its tangent at no cost."""
-    assert ring.stable_range(RingSection(1.0, 1.0, 0.7), 1)[0] == 0.0
-    assert np.sum(np.abs(ring.circle_spectrum(RingSection(1.0, 1.0, 0.7), 1, 0.0)) < 1e-12) == 4
+    assert circles.stable_range(RingSection(1.0, 1.0, 0.7), 1)[0] == 0.0
+    assert np.sum(np.abs(circles.circle_spectrum(RingSection(1.0, 1.0, 0.7), 1, 0.0)) < 1e-12) == 4
 
 
 def _rotations(vectors):
@@ -127,7 +127,7 @@ def test_energy_bends_down_beyond_the_threshold(turns, mode):
     circle[:, 0, 2], circle[:, 1, 2] = -np.sin(turns * s), np.cos(turns * s)
     circle[:, 2, 1] = 1.0
     p, c = SLINKY.out_of_plane, SLINKY.torsion
-    place = ring.mode_threshold(SLINKY, turns, mode)
+    place = circles.mode_threshold(SLINKY, turns, mode)
     mu = SLINKY.in_plane * (place - turns)
     # null vector of the symmetric 2 x 2 form
     a = mode * (turns * (p + c) + mu)
@@ -155,18 +155,20 @@ def test_turned_circle_is_the_minimum_over_even_turns():
     angles = np.linspace(0, np.pi, 20001)
     for o in (-2.0, -0.75, -0.4, 0.0, 0.375, 0.7, 0.75, 1.0):
         energy = 4.0 * (np.cos(angles) - o) ** 2 + np.sin(angles) ** 2
-        assert ring.turned_circle(section, o) == pytest.approx(angles[np.argmin(energy)], abs=2e-2)
-        assert 4.0 * (np.cos(ring.turned_circle(section, o)) - o) ** 2 + np.sin(
-            ring.turned_circle(section, o)
+        assert circles.turned_circle(section, o) == pytest.approx(
+            angles[np.argmin(energy)], abs=2e-2
+        )
+        assert 4.0 * (np.cos(circles.turned_circle(section, o)) - o) ** 2 + np.sin(
+            circles.turned_circle(section, o)
         ) ** 2 == pytest.approx(energy.min(), abs=1e-6)
-    assert ring.turned_circle(section, ring.stable_range(section, 1)[0]) == 0.0
-    assert ring.turned_circle(RingSection(1.0, 2.0, 1.0), -0.1) == np.pi
+    assert circles.turned_circle(section, circles.stable_range(section, 1)[0]) == 0.0
+    assert circles.turned_circle(RingSection(1.0, 2.0, 1.0), -0.1) == np.pi
 
 
 def test_turned_circle_is_stable():
     """Below the threshold of the flat ring its circle with a turned section takes over."""
     section, o = RingSection(4.0, 1.0, 1.0), 0.375
-    turn = ring.turned_circle(section, o)
+    turn = circles.turned_circle(section, o)
     n = 48
     s = 2 * np.pi * np.arange(n) / n
     frames = np.zeros((n, 3, 3))
@@ -177,10 +179,10 @@ def test_turned_circle_is_stable():
         [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]]
     )
     strains = np.tile(about.T @ [0.0, 1.0, 0.0], (n, 1))
-    values = ring.second_variation_spectrum(section, o, frames @ about, strains, modes=10)
+    values = circles.second_variation_spectrum(section, o, frames @ about, strains, modes=10)
     assert np.all(np.abs(values[:3]) < 1e-12)
     assert values[3] > 0.1
-    assert ring.circle_spectrum(section, 1, o)[0] < -0.1
+    assert circles.circle_spectrum(section, 1, o)[0] < -0.1
 
 
 @pytest.mark.parametrize("aspect", [1.0, 2.5, 10.0])
@@ -189,15 +191,15 @@ def test_torsion_constant_by_the_double_series(aspect):
     m = np.arange(1, 4001, 2.0)
     inner = np.array([np.sum(1 / (m * m * (k * k / aspect**2 + m * m))) / k**2 for k in m])
     found = 256 / np.pi**6 * inner.sum()
-    assert ring.rectangle_torsion_constant(aspect) == pytest.approx(found, rel=1e-9)
+    assert circles.rectangle_torsion_constant(aspect) == pytest.approx(found, rel=1e-9)
 
 
 def test_torsion_constant_of_a_strip():
     # (1/3)(1 - 0.630249.../aspect) up to exponentially small terms
-    far = [ring.rectangle_torsion_constant(a) for a in (50.0, 100.0)]
+    far = [circles.rectangle_torsion_constant(a) for a in (50.0, 100.0)]
     slope = np.array([(1 - 3 * far[0]) * 50, (1 - 3 * far[1]) * 100])
     assert slope[0] == pytest.approx(slope[1], rel=1e-12)
-    assert ring.rectangle_torsion_constant(1e6) == pytest.approx(1 / 3, rel=1e-6)
+    assert circles.rectangle_torsion_constant(1e6) == pytest.approx(1 / 3, rel=1e-6)
 
 
 def test_bad_input():
@@ -210,8 +212,10 @@ def test_bad_input():
     with pytest.raises(InvalidInput, match="torsion"):
         RingSection(1.0, 1.0, 0.0)
     with pytest.raises(InvalidInput, match="rigid rotation"):
-        ring.mode_threshold(SLINKY, 3, 3)
+        circles.mode_threshold(SLINKY, 3, 3)
     with pytest.raises(InvalidInput, match="aspect"):
-        ring.rectangle_torsion_constant(0.4)
+        circles.rectangle_torsion_constant(0.4)
     with pytest.raises(InvalidInput, match="modes"):
-        ring.second_variation_spectrum(SLINKY, 1.0, np.zeros((8, 3, 3)), np.zeros((8, 3)), modes=4)
+        circles.second_variation_spectrum(
+            SLINKY, 1.0, np.zeros((8, 3, 3)), np.zeros((8, 3)), modes=4
+        )

@@ -26,7 +26,7 @@ from scipy.special import jv
 
 from .._validate import finite_array, in_open_interval, integer_at_least
 from ..errors import NotConverged
-from .elastica import compressed_cantilever, heavy_column_load
+from .elastica import compressed_cantilever
 
 __all__ = [
     "HeavyCantilever",
@@ -61,7 +61,7 @@ def end_loads(count: int = 1) -> Array:
 
     Examples
     --------
-    >>> from lissome.references.buckling import end_loads
+    >>> from lissome.references.buckled_cantilever import end_loads
     >>> end_loads(2)
     array([ 2.4674011, 22.2066099])
     """
@@ -95,7 +95,7 @@ def distributed_loads(count: int = 1) -> Array:
 
     Examples
     --------
-    >>> from lissome.references.buckling import distributed_loads
+    >>> from lissome.references.buckled_cantilever import distributed_loads
     >>> distributed_loads(2)
     array([ 7.83734744, 55.97702968])
     """
@@ -133,7 +133,7 @@ class HeavyCantilever:
     The free end is free of moment, and the clamp bears the moment of the weight:
 
     >>> import numpy as np
-    >>> from lissome.references.buckling import heavy_cantilever
+    >>> from lissome.references.buckled_cantilever import heavy_cantilever
     >>> column = heavy_cantilever(12.0)
     >>> node, weight = np.polynomial.legendre.leggauss(20)
     >>> lever = 0.5 * weight @ column.points(0.5 * (node + 1))[:, 1]
@@ -220,7 +220,7 @@ def heavy_cantilever(load: float) -> HeavyCantilever:
 
     Examples
     --------
-    >>> from lissome.references.buckling import heavy_cantilever
+    >>> from lissome.references.buckled_cantilever import heavy_cantilever
     >>> column = heavy_cantilever(12.0)
     >>> round(column.x, 8), round(column.y, 8)
     (0.16213528, 0.84952693)
@@ -228,7 +228,7 @@ def heavy_cantilever(load: float) -> HeavyCantilever:
     target = in_open_interval(
         "load",
         load,
-        heavy_column_load(),
+        float(distributed_loads()[0]),
         _STRONGEST * (1.0 + 1e-15),
         "below it the straight rod is the only equilibrium, beyond it the tip points straight down",
     )
@@ -300,7 +300,7 @@ def _series(values: Array) -> Array:
 def _climb(target: float, degree: int) -> tuple[float, Array]:
     """Tip angle and nodal angles of a solution whose load exceeds the target, or is close to it."""
     s = _points(degree)
-    load, tip = heavy_column_load(), 0.0
+    load, tip = float(distributed_loads()[0]), 0.0
     theta = s * 0.0
     before: tuple[float, float, Array] = (load, tip, theta)
     tip = 0.2
@@ -387,7 +387,7 @@ def end_load_tips(loads: npt.ArrayLike) -> Array:
 
     Examples
     --------
-    >>> from lissome.references.buckling import end_load_tips
+    >>> from lissome.references.buckled_cantilever import end_load_tips
     >>> end_load_tips([2.0, 4.0]).round(6)
     array([[1.      , 0.      ],
            [0.27418 , 0.802407]])
@@ -422,7 +422,7 @@ def distributed_load_tips(loads: npt.ArrayLike) -> Array:
 
     Examples
     --------
-    >>> from lissome.references.buckling import distributed_load_tips
+    >>> from lissome.references.buckled_cantilever import distributed_load_tips
     >>> distributed_load_tips([5.0, 12.0]).round(6)
     array([[1.      , 0.      ],
            [0.162135, 0.849527]])
@@ -430,7 +430,7 @@ def distributed_load_tips(loads: npt.ArrayLike) -> Array:
     force = finite_array("loads", loads)
     tips = np.zeros((*force.shape, 2))
     tips[..., 0] = 1.0
-    critical = heavy_column_load()
+    critical = float(distributed_loads()[0])
     for index in np.argwhere(force > critical):
         column = heavy_cantilever(float(force[tuple(index)]))
         tips[tuple(index)] = column.x, column.y

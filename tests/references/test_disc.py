@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import iv, ivp, jv, jvp
 
 from lissome.errors import InvalidInput, NotConverged
-from lissome.references.plate import AxisymmetricDisc, buckling_strain, fold
+from lissome.references.disc import AxisymmetricDisc, buckling_strain, fold
 
 DOME = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5, radius=0.5, strain=(0.01, -0.02))
 
