@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 import numbers
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,11 +21,13 @@ from .errors import InvalidInput
 __all__ = [
     "finite",
     "finite_array",
+    "functions",
     "in_open_interval",
     "integer_at_least",
     "nonnegative",
     "one_of",
     "positive",
+    "structure_like",
 ]
 
 _LONGEST_REPR = 80
@@ -304,6 +306,52 @@ def finite_array(
             "rescale the numbers"
         )
     return result
+
+
+def functions(name: str, value: Any) -> dict[str, Callable[..., Any]]:
+    """Return a mapping of names to functions as a new ``dict``; None is the empty one.
+
+    Examples
+    --------
+    >>> functions("outputs", {"one": float})
+    {'one': <class 'float'>}
+    >>> functions("outputs", float)
+    Traceback (most recent call last):
+        ...
+    lissome.errors.InvalidInput: argument `outputs` is <class 'float'>; pass names with functions: {'name': function}
+    """  # noqa: E501
+    wanted = "pass names with functions: {'name': function}"
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise InvalidInput(f"argument `{name}` is {_shown(value)}; {wanted}")
+    for key, function in value.items():
+        if not isinstance(key, str) or not callable(function):
+            raise InvalidInput(
+                f"argument `{name}` holds {_shown(key)}: {_shown(function)}; {wanted}"
+            )
+    return dict(value)
+
+
+def structure_like(name: str, value: Any) -> Any:
+    """Return `value` if it looks like a structure, or raise :class:`InvalidInput`.
+
+    Examples
+    --------
+    >>> structure_like("structure", abs)
+    Traceback (most recent call last):
+        ...
+    lissome.errors.InvalidInput: argument `structure` is <built-in function abs>, a function; pass the structure that it returns
+    """  # noqa: E501
+    if hasattr(value, "constraints_count") and hasattr(value, "evaluate"):
+        return value
+    remedy = "pass a structure, such as a rod, a ribbon or a plate"
+    if callable(value):
+        remedy = "a function; pass the structure that it returns"
+    elif hasattr(value, "structure"):
+        remedy = "which is no structure but has one; pass its `structure`"
+    middle = "; " if remedy.startswith("pass") else ", "
+    raise InvalidInput(f"argument `{name}` is {_shown(value)}{middle}{remedy}")
 
 
 def _holds_bool(value: Any) -> bool:

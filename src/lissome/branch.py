@@ -47,7 +47,7 @@ from ._branch_records import (
 )
 from ._corrector import TOLERANCE, Family, Slope
 from ._follower import Follower
-from ._validate import finite, finite_array, positive
+from ._validate import finite, finite_array, functions, positive, structure_like
 from .equilibrium import Equilibrium
 from .errors import InvalidInput
 
@@ -245,10 +245,12 @@ class Branch:
         ------
         DataError
             If the file is damaged, or its states are not equilibria of `family`.
+        InvalidInput
+            If `outputs` is no mapping of names to functions.
         """
         meta, arrays = _archive.read(path, "branch")
         rows, events, settings, finished = unpack(meta, arrays, family, path)
-        return Branch(family, events, finished, rows, settings, dict(outputs or {}))
+        return Branch(family, events, finished, rows, settings, functions("outputs", outputs))
 
 
 def follow(
@@ -377,11 +379,11 @@ def follow(
         raise InvalidInput(
             f"arguments `start` and `stop` are both {start}; there is nothing to follow"
         )
-    outputs = dict(outputs or {})
+    outputs = functions("outputs", outputs)
     if isinstance(initial, Equilibrium):
         seed_structure, seed = initial.structure, initial.state
     else:
-        seed_structure = family(start)
+        seed_structure = structure_like("family(start)", family(start))
         seed = seed_structure.start() if initial is None else initial
     settings = checked_settings(
         seed_structure, seed, start, stop, report_at=report_at, on_fold=on_fold, step=step,

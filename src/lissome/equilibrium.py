@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._validate import integer_at_least
+from ._validate import finite, finite_array, integer_at_least, one_of, structure_like
 from .errors import (
     FactorizationError,
     InvalidInput,
@@ -925,9 +925,9 @@ def equilibrate(
     >>> ls.equilibrate(saddle, require="any").index
     1
     """
-    if require not in ("stable", "any"):
-        raise InvalidInput(f"argument `require` is {require!r}; it must be 'stable' or 'any'")
-    tol = DEFAULT_TOLERANCE if tolerance is None else float(tolerance)
+    structure = structure_like("structure", structure)
+    one_of("require", require, ("stable", "any"))
+    tol = DEFAULT_TOLERANCE if tolerance is None else finite("tolerance", tolerance)
     if not 0 < tol < 1:
         raise InvalidInput(f"argument `tolerance` is {tolerance}; it must lie in (0, 1)")
     max_iterations = integer_at_least("max_iterations", max_iterations, 1)
@@ -940,11 +940,7 @@ def equilibrate(
     if multipliers is None:
         guess = _estimate_multipliers(structure, state)
     else:
-        guess = np.array(multipliers, dtype=float)
-        if guess.shape != (m,) or not np.all(np.isfinite(guess)):
-            raise InvalidInput(
-                f"argument `multipliers` has shape {guess.shape}; it must hold {m} finite numbers"
-            )
+        guess = finite_array("multipliers", multipliers, shape=(m,))
     solver = _Solver(structure, state, guess, tol, max_iterations, on_iteration)
     correct = getattr(structure, "correct", None)
     if correct is not None:

@@ -37,7 +37,7 @@ from ._corrector import (
 )
 from ._descent import descend, distance
 from ._stored import pack_equilibria, unpack_equilibria, without_what_cannot_travel
-from ._validate import finite, finite_array, integer_at_least, positive
+from ._validate import finite, finite_array, functions, integer_at_least, positive
 from .equilibrium import Equilibrium
 from .errors import DataError, FactorizationError, InvalidInput, NotConverged
 
@@ -520,7 +520,7 @@ def evolve(
         evolving=evolving,
         until=finite("until", until),
         step=positive("step", step),
-        outputs=dict(outputs or {}),
+        outputs=functions("outputs", outputs),
         corrections=integer_at_least("corrections", corrections, 0),
         tolerance=None if tolerance is None else positive("tolerance", tolerance),
         time_tolerance=(

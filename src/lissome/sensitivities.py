@@ -21,6 +21,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._validate import finite_array, one_of
 from .equilibrium import Equilibrium
 from .errors import InvalidInput
 from .factorization import Factorization
@@ -298,12 +299,20 @@ def sensitivity(
     >>> print(result.state.round(12), round(result.outputs["squared"], 9))
     [0.25] 0.375
     """
-    if mode not in ("direct", "adjoint"):
-        raise InvalidInput(f"argument `mode` is {mode!r}; it must be 'direct' or 'adjoint'")
-    point = np.array(parameter, dtype=float)
-    if point.ndim > 1 or not np.all(np.isfinite(point)):
+    one_of("mode", mode, ("direct", "adjoint"))
+    if not callable(family):
         raise InvalidInput(
-            f"argument `parameter` is {parameter!r}; it must be a finite number or vector"
+            f"argument `family` is {family!r}; it must be a function from the parameter to a structure"
+        )
+    if not isinstance(equilibrium, Equilibrium):
+        raise InvalidInput(
+            f"argument `equilibrium` is of type {type(equilibrium).__name__}; pass what "
+            "`equilibrate` returns at this parameter"
+        )
+    point = finite_array("parameter", parameter)
+    if point.ndim > 1 or not point.size:
+        raise InvalidInput(
+            f"argument `parameter` has shape {point.shape}; it must be a number or a vector of some"
         )
     scalar = point.ndim == 0
     vector = np.atleast_1d(point)
@@ -314,7 +323,17 @@ def sensitivity(
         if not np.all(np.isfinite(steps) & (steps > 0)):
             raise InvalidInput(f"argument `step` is {step}; it must be positive")
     named: dict[str, Output] = {}
+    if outputs is not None and not isinstance(outputs, Mapping):
+        raise InvalidInput(
+            f"argument `outputs` is {outputs!r}; pass names with functions or Outputs: "
+            "{'name': function}"
+        )
     for name, given in (outputs or {}).items():
+        if not isinstance(given, Output) and not callable(given):
+            raise InvalidInput(
+                f"argument `outputs` holds {name!r}: {given!r}; pass names with functions or "
+                "Outputs: {'name': function}"
+            )
         named[name] = given if isinstance(given, Output) else Output(given)
     state, mult = equilibrium.state, equilibrium.multipliers
     n, m = equilibrium.structure.size, equilibrium.structure.constraints_count

@@ -12,12 +12,15 @@ are those of the second variation per unit length (or area), and converge as the
 from __future__ import annotations
 
 import math
+import numbers
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._validate import finite_array, integer_at_least, structure_like
 from .errors import FactorizationError, InvalidInput, NotConverged
 from .factorization import Factorization, KKTMatrix
 
@@ -373,18 +376,26 @@ def smallest_eigenvalue(
     else:
         if state is None:
             raise InvalidInput("argument `state` is missing; pass the state, or an Equilibrium")
+        structure = structure_like("structure", structure)
+        if isinstance(state, (numbers.Number, str, Sequence, Mapping, np.ndarray, Equilibrium)):
+            raise InvalidInput(
+                f"argument `state` is of type {type(state).__name__}; pass a state, such as "
+                "`structure.start()` or the `state` of an Equilibrium"
+            )
         m = structure.constraints_count
         if multipliers is None and m:
             raise InvalidInput(
                 f"argument `multipliers` is missing; the {m} constraints are curved, and their "
                 "multipliers are part of the second variation"
             )
-        mult = np.zeros(0) if multipliers is None else np.asarray(multipliers, dtype=float)
+        given = () if multipliers is None else multipliers
+        mult = finite_array("multipliers", given, shape=(m,))
         kkt = structure.evaluate(state, mult, 2).kkt
         metric = np.asarray(structure.metric(state), dtype=float)
         gauge = np.asarray(structure.gauge(state), dtype=float).reshape(-1, structure.size)
     assert kkt is not None
     free = kkt.n - kkt.m - len(gauge)
+    count = integer_at_least("count", count, 1)
     if not 1 <= count <= free:
         raise InvalidInput(
             f"argument `count` is {count}; there are {free} admissible motions: it must lie in "

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._archive import UNREADABLE
+from ._validate import finite_array
 from .errors import DataError, InvalidInput
 from .factorization import DenseKKT, Factorization, KKTMatrix
 
@@ -434,9 +435,15 @@ class DenseStructure(BaseStructure):
     def __post_init__(self) -> None:
         if (self.constraints is None) != (self.jacobian is None):
             raise InvalidInput("arguments `constraints` and `jacobian` must be given together")
-        start = VectorState(np.atleast_1d(np.asarray(self.initial, dtype=float)))
-        if not np.all(np.isfinite(start.x)):
-            raise InvalidInput(f"argument `initial` is {start.x}; it must be finite")
+        for name in ("energy", "gradient", "hessian"):
+            if not callable(getattr(self, name)):
+                raise InvalidInput(
+                    f"argument `{name}` is {getattr(self, name)!r}; it must be a function of the unknowns"
+                )
+        initial = np.atleast_1d(finite_array("initial", self.initial))
+        if initial.ndim > 1:
+            raise InvalidInput(f"argument `initial` has shape {initial.shape}; it must be a vector")
+        start = VectorState(initial)
         if start.x.size == 0:
             raise InvalidInput("argument `initial` is empty; a structure has at least one unknown")
         count = 0
@@ -454,13 +461,13 @@ class DenseStructure(BaseStructure):
                 f"there are {count} constraints"
             )
         n = start.x.size
-        masses = np.ones(n) if self.masses is None else np.array(self.masses, dtype=float)
-        if masses.shape != (n,) or not np.all(np.isfinite(masses)) or not np.all(masses > 0):
+        masses = np.ones(n) if self.masses is None else finite_array("masses", self.masses)
+        if masses.shape != (n,) or not np.all(masses > 0):
             raise InvalidInput(
                 f"argument `masses` is {self.masses}; it must hold {n} positive numbers"
             )
-        typical = np.array(self.size_of_unknowns, dtype=float)
-        if typical.shape not in ((), (n,)) or not np.all(np.isfinite(typical) & (typical > 0)):
+        typical = finite_array("size_of_unknowns", self.size_of_unknowns)
+        if typical.shape not in ((), (n,)) or not np.all(typical > 0):
             raise InvalidInput(
                 f"argument `size_of_unknowns` is {self.size_of_unknowns}; it must be a positive "
                 f"number, or {n} of them"

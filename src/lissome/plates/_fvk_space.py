@@ -202,7 +202,7 @@ class PlateSpace:
     """
 
     def __init__(self, mesh: Any, degree: int, edges: Any, points: Any = None) -> None:
-        if degree not in (2, 3):
+        if isinstance(degree, (bool, np.ndarray)) or degree not in (2, 3):
             raise InvalidInput(f"argument `degree` is {degree!r}; it must be 2 or 3")
         self.mesh = mesh
         self.degree = p = int(degree)

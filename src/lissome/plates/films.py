@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from .. import literature
-from .._validate import finite, one_of
+from .._validate import finite, one_of, positive
 from ..errors import InvalidInput
 from .actuation import spontaneous_history
 from .conduction import Conduction, FixedTemperature, Insulated, TemperatureHistory
@@ -270,10 +270,16 @@ def film_laminate(
                 f"arguments `soft_width` and `stiff_width` are {soft_width!r} and {stiff_width!r}; the "
                 "thesis prints neither: pass both, or `curves` of your own"
             )
+        transition = None
+        if stiff_transition is not None:
+            transition = positive("stiff_transition", stiff_transition)
         curves = {
-            "soft": film_curve("soft", width=soft_width, shape=shape),
+            "soft": film_curve("soft", width=positive("soft_width", soft_width), shape=shape),
             "stiff": film_curve(
-                "stiff", width=stiff_width, transition=stiff_transition, shape=shape
+                "stiff",
+                width=positive("stiff_width", stiff_width),
+                transition=transition,
+                shape=shape,
             ),
         }
     elif soft_width is not None or stiff_width is not None or stiff_transition is not None:

@@ -172,7 +172,10 @@ def energy_height(
     >>> print(f"{z:.3f}")
     0.199
     """
-    energy = np.asarray(released_energy, dtype=float)
+    try:
+        energy = np.asarray(released_energy, dtype=float)  # a `literature.Number` will do
+    except (TypeError, ValueError):
+        energy = np.asarray(np.nan)
     if not np.all((energy >= 0.0) & np.isfinite(energy)):
         raise InvalidInput(
             f"argument `released_energy` is {released_energy!r}; it must hold finite numbers of at "

@@ -97,7 +97,7 @@ def _frame(tangent: ArrayLike, director: ArrayLike | None) -> Array:
 
 
 def _bending_axis(about: Any) -> int:
-    if isinstance(about, bool) or about not in (1, 2):
+    if isinstance(about, (bool, np.ndarray)) or about not in (1, 2):
         raise InvalidInput(
             f"argument `about` is {about!r}; pass 1 or 2, the number of the director that the rod bends "
             "about"

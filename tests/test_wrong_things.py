@@ -1,0 +1,99 @@
+"""What is passed for something else is named, with what to pass: never an error from deep inside."""
+
+import numpy as np
+import pytest
+
+import lissome as ls
+from lissome import plates, rods
+from lissome.errors import InvalidInput
+
+LAW = rods.Kirchhoff(bending=(1.0, 2.0), twisting=1.0)
+COLUMN = rods.straight(1.0, 8, LAW).clamped("start")
+RESTING = ls.equilibrate(COLUMN)
+WELL = {
+    "initial": [1.0],
+    "energy": lambda x: float(x @ x),
+    "gradient": lambda x: 2 * x,
+    "hessian": lambda x: 2 * np.eye(1),
+}
+
+
+def family(load):
+    return COLUMN.loaded(end=(0, 0, -load))
+
+
+STRANGE = [0, float("nan"), "abc", [], [1.0, 2.0], np.zeros((2, 2, 2)), True, 1j, {}, object()]
+
+
+def is_stranger(name, value):
+    """Tell whether a value is none that the argument `name` takes."""
+    allowed = {
+        "outputs": isinstance(value, dict),
+        "multipliers": isinstance(value, list) and not value,  # there are no constraints
+        "initial": type(value) is int or (isinstance(value, list) and bool(value)),
+        "state": type(value) is object,  # states are of any type that the structure knows
+        "parameter": value == [1.0, 2.0] if isinstance(value, list) else type(value) is int,
+    }
+    return not allowed.get(name, False)
+
+
+CALLS = {
+    "equilibrate": (ls.equilibrate, {"structure": COLUMN, "multipliers": None, "tolerance": None}),
+    "follow": (ls.follow, {"family": family, "start": 0.0, "stop": 0.1, "outputs": None}),
+    "smallest_eigenvalue": (
+        ls.smallest_eigenvalue,
+        {"structure": COLUMN, "state": RESTING.state, "multipliers": (), "count": 1},
+    ),
+    "sensitivity": (
+        ls.sensitivity,
+        {
+            "family": family,
+            "parameter": 0.0,
+            "equilibrium": RESTING,
+            "outputs": None,
+            "mode": "direct",
+        },
+    ),
+    "DenseStructure": (ls.DenseStructure, {**WELL, "masses": None, "size_of_unknowns": 1.0}),
+    "ring": (rods.ring, {"length": 1.0, "segments": 8, "law": LAW, "about": 1}),
+}
+SWAPPED = {"equilibrate": ["structure", "multipliers", "tolerance"], "follow": ["family", "outputs"],
+           "smallest_eigenvalue": ["structure", "state", "multipliers", "count"],
+           "sensitivity": ["family", "parameter", "equilibrium", "outputs", "mode"],
+           "DenseStructure": ["initial", "energy", "gradient", "hessian", "masses", "size_of_unknowns"],
+           "ring": ["about"]}  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "name"), [(c, n) for c, names in SWAPPED.items() for n in names])
+def test_a_wrong_thing_is_named(call, name):
+    function, arguments = CALLS[call]
+    function(**arguments)
+    for value in filter(lambda v: is_stranger(name, v), STRANGE):
+        with pytest.raises(InvalidInput, match=f"(argument|function) `{name}"):
+            function(**{**arguments, name: value})
+
+
+def test_what_is_near_to_a_structure_gets_the_nearest_remedy():
+    with pytest.raises(InvalidInput, match="pass the structure that it returns"):
+        ls.equilibrate(family)
+    with pytest.raises(InvalidInput, match="pass its `structure`"):
+        ls.equilibrate(RESTING)
+    with pytest.raises(InvalidInput, match=r"argument `family\(start\)`"):
+        ls.follow(lambda load: load, 0.0, 1.0)
+    with pytest.raises(InvalidInput, match="pass a state"):
+        ls.smallest_eigenvalue(COLUMN, RESTING)
+    with pytest.raises(InvalidInput, match=r"name.*function"):
+        ls.follow(family, 0.0, 1.0, outputs={"load": 3.0})
+
+
+@pytest.mark.parametrize("name", ["soft_width", "stiff_width", "stiff_transition"])
+@pytest.mark.parametrize("value", [-1.0, float("nan"), "12 K", [12.0]])
+def test_a_laminate_of_films_names_its_own_arguments(name, value):
+    with pytest.raises(InvalidInput, match=f"argument `{name}`"):
+        plates.film_laminate(**{"soft_width": 12.0, "stiff_width": 25.0, name: value})
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), "abc", 1j, {}])
+def test_energies_are_numbers(value):
+    with pytest.raises(InvalidInput, match="argument `released_energy`"):
+        plates.energy_height(value, stretching_modulus=1e3, thickness=9e-5, density=1e3)
