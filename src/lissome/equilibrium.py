@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,7 @@ from .errors import (
     Unstable,
 )
 from .factorization import Factorization, KKTMatrix
+from .reactions import Reaction, Reactions
 from .stability import lowest_mode, softest_mode
 from .structure import Corrected, Evaluation, Structure, save_state
 
@@ -184,6 +185,55 @@ class Equilibrium:
         from .stability import smallest_eigenvalue
 
         return smallest_eigenvalue(self).modes[0]
+
+    @overload
+    def reactions(self) -> Reactions: ...
+
+    @overload
+    def reactions(self, where: Any) -> Reaction: ...
+
+    def reactions(self, where: Any = None) -> Reaction | Reactions:
+        """Return what the supports exert on the structure.
+
+        Parameters
+        ----------
+        where : str, int or other name of a support, optional
+            Whose reaction is wanted; by default those of all supports are returned.
+
+        Returns
+        -------
+        Reaction or Reactions
+            Force, moment and position of one support, or a mapping from the names of the supports to
+            these. It is empty if nothing supports the structure.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no such support, or the structure does not tell what its supports exert.
+
+        Examples
+        --------
+        >>> import lissome as ls
+        >>> from lissome import rods
+        >>> law = rods.Kirchhoff(bending=(1.0, 2.0), twisting=1.0)
+        >>> rod = rods.Rod(law, [0.1] * 10).clamped("start").loaded(end=[0.5, 0, 0])
+        >>> print(ls.equilibrate(rod).reactions("start").force.round(9) + 0.0)
+        [-0.5  0.   0. ]
+        """
+        found = self._reactions
+        return found if where is None else found[where]
+
+    @cached_property
+    def _reactions(self) -> Reactions:
+        own = getattr(self.structure, "reactions", None)
+        if own is None:
+            raise InvalidInput(
+                f"a structure of the type {type(self.structure).__name__} does not tell what its "
+                "supports exert: give it a method `reactions(equilibrium)` that returns Reactions. "
+                "The multipliers of its constraints are in `multipliers`"
+            )
+        found: Reactions = own(self)
+        return found
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the state to the file `path` (.npz), for :func:`lissome.structure.load_state`."""

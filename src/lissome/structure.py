@@ -128,7 +128,7 @@ class Structure(Protocol):
 
     Vectors `dx` are tangent vectors of the manifold of states: increments of the `size` unknowns.
 
-    Four methods are optional. ``present(equilibrium)`` returns the structure's own subclass of
+    Five methods are optional. ``present(equilibrium)`` returns the structure's own subclass of
     :class:`~lissome.equilibrium.Equilibrium`. ``correct(state, multipliers, tolerance)`` is a fast
     corrector: it returns a nearby stationary point as :class:`Corrected`, or None if it does not get
     to one. :func:`lissome.equilibrate` calls it once, before its own descent, with the start and a
@@ -138,7 +138,8 @@ class Structure(Protocol):
     ``typical``), without applying it; that correction is still made. ``diagnose(state)`` is asked about
     the last state when a solve fails: it returns what is wrong with that state, and the remedy, or None.
     ``warn(equilibrium, stacklevel)`` is called with what :func:`lissome.equilibrate` returns (not with
-    the many states of a branch), to warn of what the model leaves out. An attribute ``smallest_shift``
+    the many states of a branch), to warn of what the model leaves out. ``reactions(equilibrium)`` returns
+    what the supports exert, as :class:`~lissome.reactions.Reactions`. An attribute ``smallest_shift``
     tells where shifts of an indefinite Hessian start, relative to its entries (1e-6 by default): less
     for structures whose eigenvalues spread farther.
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._validate import finite, finite_array, integer_at_least, one_of, positive
 from ..errors import InvalidInput, NotConverged
+from ..reactions import Reactions
 from . import _kernel
 from ._structures import ClampedStrip, Elastica, Ring, Shape, residual_floor
 from .light import GaussianSpot, Light, ParallelLight, UserLight
@@ -782,6 +783,25 @@ class History:
     def shape(self, row: int) -> Shape:
         """Return the shape in row `row`, to begin another run with."""
         return Shape(self.angles[row])
+
+    def reactions(self, row: int) -> Reactions:
+        """Return what the supports exert in row `row`: forces and moments of "start" and "end".
+
+        Light exerts none: it changes the natural curvature. A ring has no supports. Forces are in units
+        of bending stiffness over length squared, moments of bending stiffness over length.
+
+        Examples
+        --------
+        >>> from lissome.beams import ClampedStrip, ParallelLight
+        >>> strip = ClampedStrip(span=0.95, segments=50)
+        >>> history = strip.under(ParallelLight(1.0)).run(until=0.1, step=0.05)
+        >>> thrust = [history.reactions(row)["start"].force[0] for row in range(len(history))]
+        >>> print(thrust == list(history.forces[:, 0]))
+        True
+        """
+        return self.structure.supports_exert(
+            self.angles[row], self.curvature[row], self.forces[row]
+        )
 
     @cached_property
     def eigenvalue(self) -> Array:

@@ -25,6 +25,7 @@ from .._validate import (
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
 from ..factorization import TridiagonalKKT
+from ..reactions import Reaction, Reactions
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
 from .light import Light
@@ -117,6 +118,7 @@ class ElasticaEquilibrium(Equilibrium):
         """Force along the elastica, shape (2,): what its end presses with on the support; it is constant.
 
         In units of bending stiffness over length squared: the multipliers of the end-to-end vector.
+        What the supports exert, moments included, is in :meth:`reactions`.
         """
         return self.multipliers
 
@@ -351,6 +353,28 @@ class Elastica(BaseStructure):
         """Return `equilibrium` with positions, as an :class:`ElasticaEquilibrium`."""
         return equilibrium.as_type(ElasticaEquilibrium)
 
+    def reactions(self, equilibrium: Any) -> Reactions:
+        """Return what the supports exert in `equilibrium`; see :meth:`ElasticaEquilibrium.reactions`.
+
+        Forces are in units of bending stiffness over length squared, moments (about z) of bending
+        stiffness over length, positions of the length.
+        """
+        return self.supports_exert(equilibrium.angles, self.spontaneous, equilibrium.multipliers)
+
+    def supports_exert(self, angles: Array, curvature: Array, force: Array) -> Reactions:
+        """Return what the supports exert at given angles, natural curvature and internal force.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (k,)
+            Angles of the tangent (radians) of an equilibrium.
+        curvature : ndarray, shape (k - 1,)
+            Its natural curvature :math:`K_0`, in units of 1/length.
+        force : ndarray, shape (2,)
+            Its multipliers, in units of bending stiffness over length squared.
+        """
+        return Reactions(())
+
     # -- geometry -----------------------------------------------------------------------------
     def positions(self, angles: Array) -> Array:
         """Return the positions of the nodes, shape (..., nodes, 2), in units of the length.
@@ -550,6 +574,36 @@ class ClampedStrip(Elastica):
         out = np.zeros((*angles.shape[:-1], angles.shape[-1] + 1, 2))
         np.cumsum(tangent / self.segments, axis=-2, out=out[..., 1:, :])
         return out
+
+    def supports_exert(self, angles: Array, curvature: Array, force: Array) -> Reactions:
+        """Return what "start" and "end" exert; see :meth:`Elastica.supports_exert`.
+
+        The moment of a clamp is the derivative of the energy by its angle.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (k,)
+            Angles of the tangent (radians) of an equilibrium.
+        curvature : ndarray, shape (k - 1,)
+            Its natural curvature :math:`K_0`, in units of 1/length.
+        force : ndarray, shape (2,)
+            Its multipliers, in units of bending stiffness over length squared.
+        """
+        chain = self.chain
+        bent = (angles[[1, -1]] - angles[[0, -2]]) / chain.spacing - curvature[[0, -1]]
+        found = []
+        for i, name in enumerate(("start", "end")):
+            side = 1.0 - 2.0 * i
+            moment = 0.0
+            if self.ends[i] == "clamped":
+                angle = float(angles[-i])
+                weight = (chain.weight_start, chain.weight_end)[i]
+                lever = force[1] * math.cos(angle) - force[0] * math.sin(angle)
+                moment = weight * lever - side * bent[i]
+            place = (i * self.span, i * self.rise, 0.0)
+            push = (side * force[0], side * force[1], 0.0)
+            found.append(Reaction(push, (0.0, 0.0, moment), place, name))
+        return Reactions(found)
 
     def with_span(self, span: float) -> ClampedStrip:
         """Return this strip between clamps at another distance `span`, in (0, 1)."""

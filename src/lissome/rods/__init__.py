@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from . import laws, measures, quaternions, results, sections
-from ._equilibrium import Reaction, RodEquilibrium
+from ._equilibrium import RodEquilibrium
 from ._structure import Rod, RodState
 from .law_checks import check_law
 from .laws import Kirchhoff, Law
@@ -37,7 +37,6 @@ __all__ = [
     "Kirchhoff",
     "Law",
     "Loads",
-    "Reaction",
     "Rectangle",
     "RefinedRibbon",
     "RelaxedRibbon",

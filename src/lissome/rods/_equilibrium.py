@@ -7,7 +7,7 @@ import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from .._validate import one_of
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning
+from ..reactions import Reaction, Reactions
 from . import _kernel, results
 from ._cells import Coupling, couple
 from .measures import CODES, pull_back_all
@@ -27,40 +28,9 @@ if TYPE_CHECKING:
 
     from ._structure import Rod, RodState
 
-__all__ = ["Reaction", "RodEquilibrium"]
+__all__ = ["RodEquilibrium"]
 
 Array = NDArray[np.float64]
-
-
-class Reaction(NamedTuple):
-    """What a support exerts on a rod.
-
-    Attributes
-    ----------
-    force : ndarray, shape (3,)
-        Force; zero in the components of the position that are free.
-    moment : ndarray, shape (3,)
-        Moment about the node; zero where the frame is free. The dead moment of a hinged support is
-        a load, and not in it.
-
-    Examples
-    --------
-    The clamp of a cantilever bears the opposite of the load and its moment:
-
-    >>> import numpy as np
-    >>> import lissome as ls
-    >>> from lissome import rods
-    >>> beam = rods.straight(length=1.0, segments=20, law=rods.Kirchhoff(1.0, 1.0)).clamped("start")
-    >>> state = ls.equilibrate(beam.loaded(end=(3.0, 0.0, 0.0)))
-    >>> force, moment = state.reactions("start")
-    >>> print(force.round(9) + 0.0)
-    [-3.  0.  0.]
-    >>> print(np.allclose(moment, -np.cross(state.positions[-1], [3.0, 0.0, 0.0])))
-    True
-    """
-
-    force: Array
-    moment: Array
 
 
 @dataclass(frozen=True)
@@ -213,45 +183,25 @@ class RodEquilibrium(Equilibrium):
         """Total twist, in turns: what is left of the hinges' rotations after parallel transport."""
         return _total_twist(self.structure, self.state)
 
-    def reactions(self, where: str | int) -> Reaction:
-        """Return what the support of a node exerts on the rod.
+    @cached_property
+    def _reactions(self) -> Reactions:
+        """What the supports exert, by "start", "end" and the numbers of other nodes.
 
-        Parameters
-        ----------
-        where : {"start", "end"} or int
-            The node.
-
-        Raises
-        ------
-        InvalidInput
-            If the node has no support.
-
-        Examples
-        --------
-        >>> import lissome as ls
-        >>> from lissome import rods
-        >>> law = rods.Kirchhoff(bending=(1.0, 2.0), twisting=1.0)
-        >>> rod = rods.Rod(law, [0.1] * 10).clamped("start").loaded(end=[0.5, 0, 0])
-        >>> print(ls.equilibrate(rod).reactions("start").force)
-        [-0.5  0.   0. ]
+        The dead moment of a hinged support is a load, and not in it.
         """
         rod = self.structure
-        node = rod._node(where)
-        support = next((s for s in rod.supports if s.node == node), None)
-        if support is None:
-            known = ", ".join(str(s.node) for s in rod.supports) or "none"
-            raise InvalidInput(
-                f"argument `where` is {where!r}, which has no support; the supported nodes are: {known}"
-            )
         count = rod.lengths.size
-        before = self.forces[node - 1] if node > 0 or rod.closed else np.zeros(3)
-        beyond = self.forces[node] if node < count else np.zeros(3)
-        force = before - beyond - rod.layout.node_forces[node]
-        force = force * [v is not None for v in support.position]
-        moment = np.zeros(3)
-        if support.frame is not None:
-            moment = self._support_moment(support)
-        return Reaction(force, moment)
+        ends: dict[int, str] = {} if rod.closed else {0: "start", count: "end"}
+        found = []
+        for support in rod.supports:
+            node = support.node
+            before = self.forces[node - 1] if node > 0 or rod.closed else np.zeros(3)
+            beyond = self.forces[node] if node < count else np.zeros(3)
+            force = before - beyond - rod.layout.node_forces[node]
+            force = force * [v is not None for v in support.position]
+            moment = np.zeros(3) if support.frame is None else self._support_moment(support)
+            found.append(Reaction(force, moment, self.positions[node], ends.get(node, node)))
+        return Reactions(found, aliases=dict(ends))
 
     # ---- shape, tables and files ---------------------------------------------------------------
 
