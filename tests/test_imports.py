@@ -16,7 +16,7 @@ FLOORS = [
     {"errors", "_version", "_compile", "_digits", "_archive", "_units", "_sources",
      "_fingerprint", "_validate", "_points", "_executors", "_work", "_datapackage"},
     {"sweeps", "literature", "_digitized", "factorization", "_chain", "_tridiagonal",
-     "_multifrontal"},
+     "_multifrontal", "reactions"},
     {"structure", "_corrector", "_descent", "stability", "equilibrium", "sensitivities", "_stored",
      "_branch_records", "_branch_file", "_follower", "branch", "evolution"},
     {"beams", "rods", "plates", "references"},

@@ -11,7 +11,7 @@ from lissome import ribbons, rods
 from lissome.beams import ClampedStrip, ParallelLight, Ring
 from lissome.errors import InvalidInput
 from lissome.reactions import Reaction, Reactions
-from lissome.references import elastica
+from lissome.references import clamped_strip, elastica
 
 
 def slope(energy, h):
@@ -111,7 +111,9 @@ def test_work_of_moving_and_turning_the_ends_of_a_strip(name):
     a, b = strip.end_angles
     for i, which in enumerate(("start", "end")):
         if strip.ends[i] == "clamped":
-            turned = slope(lambda d, i=i: energy(end_angles=(a + d * (i == 0), b + d * (i == 1))), 1e-3)
+            turned = slope(
+                lambda d, i=i: energy(end_angles=(a + d * (i == 0), b + d * (i == 1))), 1e-3
+            )
             assert turned == pytest.approx(here.reactions(which).moment[2], abs=1e-5 * scale)
 
 
@@ -122,7 +124,10 @@ def test_clamps_of_a_buckled_strip_as_in_the_closed_form():
         found = ls.equilibrate(ClampedStrip(span=0.9, segments=segments)).reactions()
         # It is bent upward at the start: the clamp turns the strip counterclockwise.
         errors.append(
-            [found["start"].force[0] - exact.thrust, -found["start"].moment[2] - exact.end_curvature]
+            [
+                found["start"].force[0] - exact.thrust,
+                -found["start"].moment[2] - exact.end_curvature,
+            ]
         )
     errors = np.abs(errors)
     assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(2.0, abs=0.05)
@@ -191,30 +196,53 @@ def test_a_free_ring_has_no_support():
 # ---- ribbons -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scheme", ["staggered", "nodal", "cells"])
-def test_clamps_of_a_ribbon_balance_and_work(scheme):
-    law = ribbons.Wunderlich(width=0.1, rigidity=1.0)
+def sheared(scheme):
+    law = ribbons.Wunderlich(width=0.1, rigidity=10.0)
     strip = ribbons.straight(1.0, 40, law, scheme=scheme).clamped("start")
 
-    def at(x=0.0, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0)):
-        frame = Rotation.from_rotvec(turn)
-        return strip.clamped("end", (0.05 + x, y, 0.8 + z), frame)
+    def at(move, turn):
+        place = np.array([0.1, 0.0, 0.75]) + move
+        return strip.clamped("end", tuple(place), Rotation.from_rotvec(turn))
 
-    here = ls.equilibrate(at())
+    return at
+
+
+@pytest.mark.parametrize("scheme", ["staggered", "nodal", "cells", "moments"])
+def test_clamps_of_a_ribbon_balance_and_work(scheme):
+    at, zero = sheared(scheme), np.zeros(3)
+    start = None
+    if scheme == "moments":
+        other = ls.equilibrate(sheared("staggered")(zero, zero))
+        start = at(zero, zero).adapted(other)
+    here = ls.equilibrate(at(zero, zero), start=start)
     found = here.reactions()
-    scale = np.linalg.norm(found["end"].force)
     total = found.total()
-    assert np.max(np.abs([total.force, total.moment])) < 1e-8 * scale
+    assert np.max(np.abs([total.force, total.moment])) < 1e-10
 
-    def energy(**motion):
-        return ls.equilibrate(at(**motion), start=here).energy
+    def energy(*motion):
+        return ls.equilibrate(at(*motion), start=here).energy
 
     end = found["end"]
-    for i, axis in enumerate("xyz"):
-        assert slope(lambda d, axis=axis: energy(**{axis: d}), 1e-3) == pytest.approx(
-            end.force[i], abs=1e-4 * scale
-        )
-    for i in range(3):
-        unit = np.eye(3)[i]
-        turned = slope(lambda d, unit=unit: energy(turn=tuple(d * unit)), 1e-3)
-        assert turned == pytest.approx(end.moment[i], abs=1e-4 * scale)
+    for unit in np.eye(3):
+        push = slope(lambda d, unit=unit: energy(d * unit, zero), 1e-4)
+        turn = slope(lambda d, unit=unit: energy(zero, d * unit), 1e-4)
+        assert push == pytest.approx(unit @ end.force, abs=1e-7)
+        assert turn == pytest.approx(unit @ end.moment, abs=1e-7)
+
+
+def test_clamps_of_a_ribbon_as_by_collocation():
+    """The independent solution of the boundary value problem, singular at the inflections."""
+    exact = clamped_strip.sheared_arch(1 / 12)
+    # There the axis of the flat strip is x, and its width lies along y.
+    known = np.concatenate(
+        [np.roll(exact.solution.parameters[:3], -1), np.roll(exact.solution.parameters[3:6], -1)]
+    )
+    errors = []
+    for segments in (30, 60, 120):
+        law = ribbons.Wunderlich(width=1 / 12, rigidity=12.0)
+        strip = ribbons.straight(1.0, segments, law, scheme="cells").clamped("start")
+        end = ls.equilibrate(strip.clamped("end", (0.15, 0.0, 0.75))).reactions("end")
+        found = np.concatenate([end.force, end.moment_about(np.zeros(3))])
+        errors.append(np.linalg.norm(found - known) / np.linalg.norm(known))
+    assert errors[-1] < 3e-3
+    assert np.log2(errors[:-1]) - np.log2(errors[1:]) == pytest.approx(1.5, abs=0.5)

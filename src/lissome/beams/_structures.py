@@ -600,9 +600,9 @@ class ClampedStrip(Elastica):
                 weight = (chain.weight_start, chain.weight_end)[i]
                 lever = force[1] * math.cos(angle) - force[0] * math.sin(angle)
                 moment = weight * lever - side * bent[i]
-            place = (i * self.span, i * self.rise, 0.0)
-            push = (side * force[0], side * force[1], 0.0)
-            found.append(Reaction(push, (0.0, 0.0, moment), place, name))
+            place = np.array([i * self.span, i * self.rise, 0.0])
+            push = np.array([side * force[0], side * force[1], 0.0])
+            found.append(Reaction(push, np.array([0.0, 0.0, moment]), place, name))
         return Reactions(found)
 
     def with_span(self, span: float) -> ClampedStrip:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -191,7 +192,7 @@ class RodEquilibrium(Equilibrium):
         """
         rod = self.structure
         count = rod.lengths.size
-        ends: dict[int, str] = {} if rod.closed else {0: "start", count: "end"}
+        ends: dict[Hashable, Hashable] = {} if rod.closed else {0: "start", count: "end"}
         found = []
         for support in rod.supports:
             node = support.node
@@ -201,7 +202,7 @@ class RodEquilibrium(Equilibrium):
             force = force * [v is not None for v in support.position]
             moment = np.zeros(3) if support.frame is None else self._support_moment(support)
             found.append(Reaction(force, moment, self.positions[node], ends.get(node, node)))
-        return Reactions(found, aliases=dict(ends))
+        return Reactions(found, aliases=ends)
 
     # ---- shape, tables and files ---------------------------------------------------------------
 
