@@ -85,6 +85,11 @@ class Reaction:
         Parameters
         ----------
         point : array_like, shape (3,)
+
+        Raises
+        ------
+        InvalidInput
+            If `point` has not three finite components.
         """
         away = self.position - finite_array("point", point, (3,))
         return np.asarray(self.moment + np.cross(away, self.force))
@@ -167,6 +172,11 @@ class Reactions(Mapping[Hashable, Reaction]):
         ----------
         about : array_like, shape (3,)
             The point; the origin by default.
+
+        Raises
+        ------
+        InvalidInput
+            If `about` has not three finite components.
         """
         point = finite_array("about", about, (3,))
         force, moment = np.zeros(3), np.zeros(3)
