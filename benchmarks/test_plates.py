@@ -16,9 +16,8 @@ from scipy.spatial import cKDTree
 from skfem.helpers import ddot, eye, grad, sym_grad, trace
 
 import lissome as ls
-from lissome.plates import meshes
+from lissome.plates import MixedPlate, Plate, meshes
 from lissome.plates._fvk_kernel import membrane
-from lissome.plates.fvk import MixedPlate, Plate
 from lissome.plates.snap import critical_curvature, dome
 from lissome.references.disc import AxisymmetricDisc, fold
 from lissome.references.linear_plate import clamped_square

@@ -17,6 +17,7 @@ from lissome.plates import (
     Insulated,
     Laminate,
     Layer,
+    Plate,
     SigmoidCurve,
     TabulatedCurve,
     UniformDirector,
@@ -24,7 +25,6 @@ from lissome.plates import (
     meshes,
     spontaneous_history,
 )
-from lissome.plates.fvk import Plate
 
 MESH = meshes.rectangle(divisions=3)
 CENTER = int(np.argmin(np.hypot(*MESH.p)))

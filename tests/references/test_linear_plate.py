@@ -6,7 +6,7 @@ import skfem
 
 import lissome as ls
 from lissome.errors import InvalidInput
-from lissome.plates.fvk import MixedPlate, Plate
+from lissome.plates import MixedPlate, Plate
 from lissome.references.linear_plate import clamped_square, finite_elements
 
 EXACT = clamped_square()

@@ -2,8 +2,8 @@ r"""Plates of liquid-crystal elastomers that dome, snap and leap: chapter 5.
 
 One set of conventions holds in the whole package. The coordinate z points up from the middle of the
 thickness, layers are listed from the bottom, w is the deflection upward, and curvature means
-:math:`\nabla\nabla w`: a dome is negative, a cup positive. The plate itself is in
-:mod:`lissome.plates.fvk`, its meshes in :mod:`lissome.plates.meshes`.
+:math:`\nabla\nabla w`: a dome is negative, a cup positive. A :class:`Plate` is one structure for all
+of them; its meshes are in :mod:`lissome.plates.meshes`, its snaps in :mod:`lissome.plates.snap`.
 
 Examples
 --------
@@ -48,12 +48,14 @@ from .heated_plate import HeatedPlate
 from .laminate import Laminate, Layer, Spontaneous
 from .leap import (
     Flight,
-    PlateScales,
     energy_height,
     flight_from_heights,
     launch_speed_with_drag,
     terminal_speed,
 )
+from .mixed_plate import MixedPlate, projected_bending
+from .plate import Plate, PlateEquilibrium, PlateState
+from .scales import PlateScales
 from .thermal_strain import (
     NoStrain,
     SigmoidCurve,
@@ -76,8 +78,12 @@ __all__ = [
     "Insulated",
     "Laminate",
     "Layer",
+    "MixedPlate",
     "NoStrain",
+    "Plate",
+    "PlateEquilibrium",
     "PlateScales",
+    "PlateState",
     "SigmoidCurve",
     "Spontaneous",
     "SpontaneousHistory",
@@ -96,6 +102,7 @@ __all__ = [
     "flight_from_heights",
     "launch_speed_with_drag",
     "measured_film_curve",
+    "projected_bending",
     "require_inside",
     "spontaneous_history",
     "terminal_speed",

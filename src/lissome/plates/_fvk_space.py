@@ -189,7 +189,7 @@ class PlateSpace:
     degree : int
         Degree p of deflection and displacement, 2 or 3.
     edges, points : mapping
-        What is held, see :class:`lissome.plates.fvk.Plate`.
+        What is held, see :class:`lissome.plates.Plate`.
 
     Attributes
     ----------

@@ -40,7 +40,7 @@ class PlateState:
     Examples
     --------
     >>> from lissome.plates import meshes
-    >>> from lissome.plates.fvk import Plate
+    >>> from lissome.plates import Plate
     >>> plate = Plate(mesh=meshes.rectangle(divisions=1), bending=1.0, poisson_ratio=0.3)
     >>> plate.start().x.shape == (plate.space.size,)
     True
@@ -67,7 +67,7 @@ class PlateEquilibrium(Equilibrium):
     >>> import numpy as np
     >>> import lissome as ls
     >>> from lissome.plates import meshes
-    >>> from lissome.plates.fvk import Plate
+    >>> from lissome.plates import Plate
     >>> plate = Plate(
     ...     mesh=meshes.rectangle(divisions=2), bending=1e-4, poisson_ratio=0.3,
     ...     curvature=[[0.01, 0.0], [0.0, 0.0]],

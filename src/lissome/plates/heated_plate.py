@@ -21,8 +21,8 @@ from ..evolution import History, Outputs
 from ._quasistatic import PlateRun
 from .conduction import TemperatureHistory
 from .directors import Defect, Director, require_inside
-from .fvk import Plate, PlateState
 from .laminate import Laminate, Spontaneous
+from .plate import Plate, PlateState
 
 __all__ = ["HeatedPlate"]
 

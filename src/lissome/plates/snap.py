@@ -24,8 +24,8 @@ from ..equilibrium import Equilibrium, equilibrate
 from ..errors import InvalidInput, LissomeError, NotConverged, StabilityNotResolvable
 from ._path import NONE, Path
 from .directors import Defect, require_inside
-from .fvk import Plate, PlateState
 from .meshes import disc, rectangle
+from .plate import Plate, PlateState
 from .thermal_strain import transverse_strain
 
 __all__ = ["CriticalCurvature", "Inversion", "critical_curvature", "dome", "inversion", "sheet"]
@@ -198,7 +198,7 @@ def inversion(
         At p = 0.
     direction : array_like (2, 2) or callable
         What p multiplies, added to the plate's own spontaneous curvature; as the argument `curvature`
-        of :class:`~lissome.plates.fvk.Plate`.
+        of :class:`~lissome.plates.Plate`.
     stop : float
         p at which to give up; its sign is the way to go.
     initial : Equilibrium or PlateState, optional

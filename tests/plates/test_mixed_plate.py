@@ -6,8 +6,7 @@ import skfem
 
 import lissome as ls
 from lissome.errors import InvalidInput
-from lissome.plates import meshes
-from lissome.plates.fvk import MixedPlate, Plate, PlateState, projected_bending
+from lissome.plates import MixedPlate, Plate, PlateState, meshes, projected_bending
 from lissome.references.disc import AxisymmetricDisc
 
 DOME = AxisymmetricDisc(bending=1e-4, poisson_ratio=0.5, radius=0.5, strain=(0.01, -0.02))

@@ -8,8 +8,7 @@ from scipy.optimize import brentq
 
 import lissome as ls
 from lissome.errors import InvalidInput, NotConverged, StabilityNotResolvable
-from lissome.plates import Defect, meshes, snap
-from lissome.plates.fvk import Plate
+from lissome.plates import Defect, Plate, meshes, snap
 from lissome.plates.snap import critical_curvature, dome, inversion, sheet
 from lissome.references.disc import AxisymmetricDisc, fold
 

@@ -10,8 +10,16 @@ from skfem.helpers import ddot, eye, grad, sym_grad, trace
 import lissome as ls
 from lissome.errors import InvalidInput
 from lissome.factorization import SparseKKT
-from lissome.plates import Defect, Laminate, Layer, SigmoidCurve, meshes
-from lissome.plates.fvk import MixedPlate, Plate, PlateState
+from lissome.plates import (
+    Defect,
+    Laminate,
+    Layer,
+    MixedPlate,
+    Plate,
+    PlateState,
+    SigmoidCurve,
+    meshes,
+)
 from lissome.references.disc import AxisymmetricDisc, buckling_strain, fold
 
 NONE = np.zeros(0)

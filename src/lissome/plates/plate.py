@@ -1,15 +1,4 @@
-r"""Foeppl-von Karman plates with spontaneous strain and curvature, on any mesh of triangles.
-
-The energy of a plate with deflection w and in-plane displacement u is
-
-.. math:: E = \int_\Omega C\, W(\epsilon - \epsilon_m) + B\, W(\kappa - \kappa_m) - q w, \qquad
-    W(\xi) = \frac{\nu\, (\mathrm{tr}\, \xi)^2 + (1 - \nu)\, \xi : \xi}{2 (1 - \nu^2)},
-
-with the strain :math:`\epsilon = \mathrm{sym} \nabla u + \frac12 \nabla w \otimes \nabla w` and the
-curvature :math:`\kappa = \nabla\nabla w`: a plate with positive :math:`\kappa_m` wants to be a bowl,
-open towards positive w. These are (5.1) and (5.2). A plate of thickness h and Young's modulus Y has
-C = Y h and B = Y h^3/12; the factor 1/(1 - nu^2) is in W.
-"""
+"""Foeppl-von Karman plates with spontaneous strain and curvature, on any mesh of triangles."""
 
 from __future__ import annotations
 
@@ -27,20 +16,11 @@ from ..errors import InvalidInput
 from ..factorization import SparseKKT
 from ..structure import Evaluation
 from ._fvk_fields import Field, scalar_field, tensor_field, vector_field
-from ._fvk_mixed import MixedPlate, projected_bending
 from ._fvk_space import PlateSpace, scatter
 from ._fvk_state import PlateEquilibrium, PlateState, PlateUnknowns, check_moduli
-from ._fvk_supports import EDGE_KINDS
 from ._fvk_tables import triangle_rule
 
-__all__ = [
-    "EDGE_KINDS",
-    "MixedPlate",
-    "Plate",
-    "PlateEquilibrium",
-    "PlateState",
-    "projected_bending",
-]
+__all__ = ["Plate", "PlateEquilibrium", "PlateState"]
 
 Array = NDArray[np.float64]
 
@@ -98,6 +78,16 @@ class _Bending:
 class Plate(PlateUnknowns):
     r"""A Foeppl-von Karman plate; a :class:`~lissome.structure.Structure` without constraints.
 
+    The energy of a plate with deflection w and in-plane displacement u is
+
+    .. math:: E = \int_\Omega C\, W(\epsilon - \epsilon_m) + B\, W(\kappa - \kappa_m) - q w, \qquad
+        W(\xi) = \frac{\nu\, (\mathrm{tr}\, \xi)^2 + (1 - \nu)\, \xi : \xi}{2 (1 - \nu^2)},
+
+    with the strain :math:`\epsilon = \mathrm{sym} \nabla u + \frac12 \nabla w \otimes \nabla w` and the
+    curvature :math:`\kappa = \nabla\nabla w`: a plate with positive :math:`\kappa_m` wants to be a bowl,
+    open towards positive w. These are (5.1) and (5.2). A plate of thickness h and Young's modulus Y has
+    C = Y h and B = Y h^3/12; the factor 1/(1 - nu^2) is in W.
+
     Moments are discontinuous and found triangle by triangle (the hybridized method of Hellan,
     Herrmann and Johnson), so that solutions are minima of a discrete energy and the inertia of its
     Hessian tells their stability. Rigid motions of the plate change nothing, exactly; those that the
@@ -154,7 +144,7 @@ class Plate(PlateUnknowns):
     A clamped square under a load that bends it little: 0.00126 q a^4/D, with D = B/(1 - nu^2).
 
     >>> import skfem, lissome as ls
-    >>> from lissome.plates.fvk import Plate
+    >>> from lissome.plates import Plate
     >>> mesh = skfem.MeshTri().refined(3)
     >>> plate = Plate(mesh=mesh, bending=1.0, poisson_ratio=0.3, edges="clamped", pressure=1e-3)
     >>> bent = ls.equilibrate(plate)

@@ -7,8 +7,7 @@ import skfem
 
 import lissome as ls
 from lissome.errors import DataError, InvalidInput
-from lissome.plates import meshes
-from lissome.plates.fvk import Plate
+from lissome.plates import Plate, meshes
 
 
 @pytest.mark.parametrize("center", [(0.0, 0.0), (0.3, -0.2)])

@@ -1,16 +1,4 @@
-r"""The mixed scheme with a field of slopes, a multiplier and a penalty.
-
-Continuous fields w and :math:`\xi` with the constraint :math:`\xi = \nabla w`, whose multiplier
-:math:`\lambda` is continuous too:
-
-.. math:: L = \int_\Omega C\,W(\epsilon - \epsilon_m) + B\,W(\nabla\xi - \kappa_m)
-    + \lambda \cdot (\xi - \nabla w) + \frac{\mu}{2} |\xi - \nabla w|^2 - q w .
-
-The multiplier space can express the constraint only as :math:`\xi = P \nabla w`, with the L2 projection
-P. Deflections that P does not see cost no bending: they are held by the penalty alone. If the strain
-holds :math:`\nabla w` they relax stresses for nothing (the literal form); with :math:`\xi` in its place
-w enters linearly, and they stay at rest (the robust form).
-"""
+"""The mixed scheme with a field of slopes, a multiplier and a penalty."""
 
 from __future__ import annotations
 
@@ -47,14 +35,25 @@ WORKING_PENALTY = (1e-1, 1e3)
 class MixedPlate(PlateUnknowns):
     r"""A Foeppl-von Karman plate by the thesis's augmented Lagrangian (section 5.4).
 
+    Continuous fields w and :math:`\xi` with the constraint :math:`\xi = \nabla w`, whose multiplier
+    :math:`\lambda` is continuous too:
+
+    .. math:: L = \int_\Omega C\,W(\epsilon - \epsilon_m) + B\,W(\nabla\xi - \kappa_m)
+        + \lambda \cdot (\xi - \nabla w) + \frac{\mu}{2} |\xi - \nabla w|^2 - q w .
+
+    The multiplier space can express the constraint only as :math:`\xi = P \nabla w`, with the L2 projection
+    P. Deflections that P does not see cost no bending: they are held by the penalty alone. If the strain
+    holds :math:`\nabla w` they relax stresses for nothing (the literal form); with :math:`\xi` in its place
+    w enters linearly, and they stay at rest (the robust form).
+
     Parameters
     ----------
     mesh, bending, poisson_ratio, stretching, strain, curvature, pressure, edges
-        As for :class:`~lissome.plates.fvk.Plate`. A slope is held only together with the deflection;
+        As for :class:`~lissome.plates.Plate`. A slope is held only together with the deflection;
         both components of :math:`\xi` are then held, at the normal slope and at the derivative of the
         deflection along the edge.
     body_force, traction, points, support_scale
-        As for :class:`~lissome.plates.fvk.Plate`.
+        As for :class:`~lissome.plates.Plate`.
     penalty : float
         :math:`\mu L^2/B`, with the extent L of the mesh and the largest B. The robust form works from
         0.1 to 1000: below, the projected slopes leave deflections unheld, and above, the elements lock.
@@ -67,7 +66,7 @@ class MixedPlate(PlateUnknowns):
     Raises
     ------
     InvalidInput
-        As :class:`~lissome.plates.fvk.Plate`, and for a penalty outside of the working range.
+        As :class:`~lissome.plates.Plate`, and for a penalty outside of the working range.
 
     Notes
     -----
@@ -81,9 +80,9 @@ class MixedPlate(PlateUnknowns):
     the mesh.
 
     >>> import lissome as ls
-    >>> from lissome.plates import fvk, meshes
-    >>> disc = fvk.MixedPlate(mesh=meshes.disc(divisions=6), bending=1e-2, poisson_ratio=0.3,
-    ...                       edges="clamped", pressure=1e-9, orders=(2, 2))
+    >>> from lissome.plates import MixedPlate, meshes
+    >>> disc = MixedPlate(mesh=meshes.disc(divisions=6), bending=1e-2, poisson_ratio=0.3,
+    ...                   edges="clamped", pressure=1e-9, orders=(2, 2))
     >>> middle = ls.equilibrate(disc).deflection.max()
     >>> print(abs(middle * 64 * 1e-2 / (1 - 0.3**2) / 1e-9 - 1) < 0.01)
     True
@@ -578,10 +577,10 @@ def projected_bending(plate: MixedPlate, count: int = 8) -> tuple[Array, Array]:
     --------
     On a coarse square of the order that is printed, clamped, one deflection costs nothing:
 
-    >>> from lissome.plates import fvk, meshes
-    >>> plate = fvk.MixedPlate(mesh=meshes.rectangle(divisions=2), bending=1e-4, poisson_ratio=0.3,
-    ...                        edges="clamped")
-    >>> values, modes = fvk.projected_bending(plate, count=3)
+    >>> from lissome.plates import MixedPlate, meshes, projected_bending
+    >>> plate = MixedPlate(mesh=meshes.rectangle(divisions=2), bending=1e-4, poisson_ratio=0.3,
+    ...                    edges="clamped")
+    >>> values, modes = projected_bending(plate, count=3)
     >>> print((values > 1e-9).tolist(), modes.shape)
     [False, True, True] (3, 25)
     """

@@ -6,8 +6,7 @@ import skfem
 
 import lissome as ls
 from lissome.errors import InvalidInput
-from lissome.plates import meshes
-from lissome.plates.fvk import MixedPlate, Plate, PlateState
+from lissome.plates import MixedPlate, Plate, PlateState, meshes
 
 SCHEMES = [(Plate, {"degree": 2}), (Plate, {"degree": 3}),
            (MixedPlate, {"orders": (2, 1)}), (MixedPlate, {"orders": (2, 2)})]  # fmt: skip
