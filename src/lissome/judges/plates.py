@@ -436,7 +436,7 @@ def dome_first_up(claim: Claim, facts: Facts) -> list[Check]:
     errors = np.abs(facts["cone_errors"])
     return [
         all_above(
-            "the height of the center over the lowest part of the rim",
+            "the height of the center over the highest part of the rim",
             facts["lifts"].min(),
             0.0,
             "L",
