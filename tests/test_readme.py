@@ -1,10 +1,12 @@
 """What the README says holds: its code prints what is printed, its commands and files exist."""
 
+import ast
 import contextlib
 import io
 import re
 import subprocess
 import sys
+import tomllib
 
 import pytest
 
@@ -54,7 +56,7 @@ def test_files_exist(root, name):
 
 
 def test_pip_steps_are_those_of_make(root, readme):
-    (steps,) = [block for block in blocks(readme, "") if "pip install" in block]
+    (steps,) = [block for block in blocks(readme, "") if "requirements.txt" in block]
     script = (root / "tools" / "environment.sh").read_text(encoding="utf-8")
     assert "-m pip install" in script
     assert "--requirement requirements.txt" in script
@@ -63,6 +65,21 @@ def test_pip_steps_are_those_of_make(root, readme):
         what = line.removeprefix(".venv/bin/python ").removeprefix("python3 ")
         if what.startswith(("-m pytest", "tools/")):
             assert f"$(RUN) {what}" in makefile, line
+
+
+def test_quick_start_installs_what_its_example_imports(root, readme):
+    """The first example needs the library and what it requires, and no extra."""
+    section = readme.split("## The library in two minutes")[1].split("\n## ")[0]
+    assert "-m pip install .\n" in section
+    (code,) = blocks(section, "python")
+    imported = {
+        (node.module if isinstance(node, ast.ImportFrom) else node.names[0].name).split(".")[0]
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, (ast.Import, ast.ImportFrom))
+    }
+    required = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    names = {re.match(r"[\w-]+", entry).group().lower() for entry in required["dependencies"]}
+    assert imported <= names | {required["name"]}
 
 
 def test_awaited_slots_are_those_that_are_awaited(readme):

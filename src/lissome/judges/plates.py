@@ -440,7 +440,7 @@ def dome_first_up(claim: Claim, facts: Facts) -> list[Check]:
             facts["lifts"].min(),
             0.0,
             "L",
-            said="the sheet first rises: its center stands at least {value} over the lowest part of "
+            said="the sheet first rises: its center stands at least {value} over the highest part of "
             "the rim until it inverts",
         ),
         holds(facts["inverts"], "", "the sheet does not invert later"),
