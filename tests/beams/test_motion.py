@@ -96,7 +96,7 @@ def test_every_row_is_a_stable_balanced_shape():
     assert np.all(history.eigenvalue > 0)
     for row in (0, len(history) // 2, len(history) - 1):
         frozen = strip.with_curvature(history.curvature[row])
-        value = frozen.evaluate(history.shape(row), history.forces[row], 2)
+        value = frozen.evaluate(history.state(row), history.forces[row], 2)
         assert np.abs(value.gradient).max() < 1e-11
         assert np.abs(value.constraints).max() < 1e-11
         assert value.kkt.factorize().inertia == (strip.size, 2, 0)
@@ -144,7 +144,7 @@ def test_the_general_evolution_finds_the_same_snaps(compiled):
     start = ls.equilibrate(strip)
     errors = []
     for step in (0.02, 0.005):
-        history = ls.evolve(lit, strip.at_rest, start, 2.6, step, compiled=compiled)
+        history = ls.evolve(lit, strip.rest_curvature, start, 2.6, step, compiled=compiled)
         exact = snap_times(strip, OBLIQUE, 2.6, step=0.001)
         times = np.array([event.time for event in history.events])
         assert times.size == exact.size == 2
@@ -428,14 +428,13 @@ def test_crest_moves_away_from_the_light():
 def test_tables():
     strip = ClampedStrip(span=0.95, segments=40)
     history = strip.under(OBLIQUE).run(until=2.0, step=0.02)
-    table = history.to_frame()
+    table = history.table
     assert len(table) == len(history)
     assert table["kind"].iloc[0] == "start"
-    assert list(history.snaps_to_frame()["time"]) == [s.time for s in history.snaps]
     row = history.snaps[0].row
     assert table["kind"].iloc[row] == "before snap"
     assert table["kind"].iloc[row + 1] == "after snap"
-    np.testing.assert_array_equal(history.angles[row + 1], history.snaps[0].after)
+    np.testing.assert_array_equal(history.angles[row + 1], history.snaps[0].after.angles)
     s = strip.node_positions
     exact = np.trapezoid(np.sin(2 * np.pi * s) * history.y[5], s)
     assert abs(table["deflection_descriptor"].iloc[5] - exact) < 1e-15
@@ -494,7 +493,7 @@ def jumps(curvatures, times):
     """Return snaps with given natural curvatures (one number each) and times."""
     zero = np.zeros(2)
     return [
-        beams.Snap(float(t), 1e-9, "snap", zero, zero, np.array([1.0, k]), zero, 0.0, 1.0)
+        beams.ElasticaSnap(float(t), 1e-9, "snap", zero, zero, np.array([1.0, k]), zero, 0.0, 1.0)
         for t, k in zip(times, curvatures, strict=True)
     ]
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh, null_space
 
 import lissome as ls
-from lissome.beams import ClampedStrip, Ring, Shape
+from lissome.beams import ClampedStrip, ElasticaState, Ring
 from lissome.errors import InvalidInput
 from lissome.references import elastica
 
@@ -193,9 +193,9 @@ def test_bad_rings_and_shapes_are_refused():
     with pytest.raises(InvalidInput, match="`segments`"):
         Ring(segments=True)
     with pytest.raises(InvalidInput, match="`angles`"):
-        Shape([[0.0]])
+        ElasticaState([[0.0]])
     with pytest.raises(InvalidInput, match="angles"):
-        ls.equilibrate(ClampedStrip(span=0.9, segments=20), Shape(np.zeros(5)))
+        ls.equilibrate(ClampedStrip(span=0.9, segments=20), ElasticaState(np.zeros(5)))
 
 
 @given(span=st.floats(allow_nan=True, allow_infinity=True))

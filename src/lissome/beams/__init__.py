@@ -16,8 +16,8 @@ Examples
 
 from ._evolving import LitStrip
 from ._material import Illumination, absorption_moment, illumination
-from ._motion import History, Motion, Period, Snap
-from ._structures import ClampedStrip, Elastica, ElasticaEquilibrium, Ring, Shape
+from ._motion import ElasticaHistory, ElasticaSnap, Motion, Period
+from ._structures import ClampedStrip, Elastica, ElasticaEquilibrium, ElasticaState, Ring
 from ._survey import FirstSnap, Flapping, first_snap, flapping
 from .light import GaussianSpot, Light, ParallelLight, UserLight
 
@@ -25,10 +25,12 @@ __all__ = [
     "ClampedStrip",
     "Elastica",
     "ElasticaEquilibrium",
+    "ElasticaHistory",
+    "ElasticaSnap",
+    "ElasticaState",
     "FirstSnap",
     "Flapping",
     "GaussianSpot",
-    "History",
     "Illumination",
     "Light",
     "LitStrip",
@@ -36,8 +38,6 @@ __all__ = [
     "ParallelLight",
     "Period",
     "Ring",
-    "Shape",
-    "Snap",
     "UserLight",
     "absorption_moment",
     "first_snap",

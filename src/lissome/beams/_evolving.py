@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..evolution import Marched
 from . import _kernel
 from ._motion import Motion, Runner, flux_target
-from ._structures import ClampedStrip, Shape
+from ._structures import ClampedStrip, ElasticaState
 from .light import Light
 
 __all__ = ["LitStrip"]
@@ -47,7 +47,7 @@ class LitStrip:
     >>> from lissome.beams import ClampedStrip, LitStrip, ParallelLight
     >>> lit = LitStrip(ClampedStrip(span=0.95, segments=50), ParallelLight(10.0, angle=0.8))
     >>> start = ls.equilibrate(lit.strip)
-    >>> history = ls.evolve(lit, lit.strip.at_rest, start, until=1.2, step=0.01)
+    >>> history = ls.evolve(lit, lit.strip.rest_curvature, start, until=1.2, step=0.01)
     >>> [event.kind for event in history.events]
     ['snap']
     """
@@ -115,7 +115,7 @@ class LitStrip:
         return Marched(
             time=runner.time,
             memory=runner.curvature,
-            state=Shape(runner.angles),
+            state=ElasticaState(runner.angles),
             multipliers=runner.multipliers,
             reason="until" if reason == _kernel.DONE else "a step was not accepted",
             steps=int(runner.clock[_kernel.STEPS]),

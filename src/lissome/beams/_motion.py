@@ -16,10 +16,10 @@ from .._validate import finite, finite_array, integer_at_least, one_of, positive
 from ..errors import InvalidInput, NotConverged
 from ..reactions import Reactions
 from . import _kernel
-from ._structures import ClampedStrip, Elastica, Ring, Shape, residual_floor
+from ._structures import ClampedStrip, Elastica, ElasticaState, Ring, residual_floor
 from .light import GaussianSpot, Light, ParallelLight, UserLight
 
-__all__ = ["History", "Motion", "Period", "Snap"]
+__all__ = ["ElasticaHistory", "ElasticaSnap", "Motion", "Period"]
 
 Array = NDArray[np.float64]
 SCHEMES = {
@@ -82,7 +82,7 @@ class Period(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Snap:
+class ElasticaSnap:
     """A loss of stability at a fixed instant, and what follows at frozen natural curvature.
 
     Attributes
@@ -93,8 +93,8 @@ class Snap:
         Half of the bracket that holds the instant, for the given time steps.
     kind : str
         ``"snap"``: a jump to another shape; ``"bifurcation"``: the shape changes without a jump.
-    before, after : ndarray, shape (k,)
-        Angles before and after.
+    before, after : ElasticaState
+        The shapes before and after.
     curvature : ndarray, shape (k - 1,)
         The natural curvature, frozen.
     mode : ndarray, shape (n,)
@@ -117,7 +117,7 @@ class Snap:
     >>> strip = ClampedStrip(span=0.95, segments=50)
     >>> light = ParallelLight(10.0, angle=np.pi / 4)
     >>> (snap,) = strip.under(light).run(until=10.0, stop_after=1).snaps
-    >>> middle = [strip.positions(angles)[25, 1] for angles in (snap.before, snap.after)]
+    >>> middle = [strip.positions(state)[25, 1] for state in (snap.before, snap.after)]
     >>> print(snap.kind, np.sign(middle), snap.energy_released > 0)
     snap [ 1. -1.] True
     """
@@ -125,8 +125,8 @@ class Snap:
     time: float
     uncertainty: float
     kind: str
-    before: Array = field(repr=False)
-    after: Array = field(repr=False)
+    before: ElasticaState = field(repr=False)
+    after: ElasticaState = field(repr=False)
     curvature: Array = field(repr=False)
     mode: Array = field(repr=False)
     eigenvalue: float
@@ -150,11 +150,11 @@ class Runner:
         bending: float = BENDING,
     ) -> None:
         self.structure = structure
-        self.chain = structure.chain
+        self.chain = structure._chain
         k = structure.angles_count
         self.angles = np.array(structure.start().angles if initial is None else initial)
-        self.curvature = np.array(structure.spontaneous if curvature is None else curvature)
-        self.natural = np.array(structure.at_rest)
+        self.curvature = np.array(structure.present_curvature if curvature is None else curvature)
+        self.natural = np.array(structure.rest_curvature)
         self.multipliers = np.zeros(2)
         self.space = _kernel.space_for(self.chain, k)
         self.work = _kernel.chain_work(structure.size, 2)
@@ -216,11 +216,11 @@ class Runner:
             raise NotConverged(
                 f"no stable shape to begin with: residual {self.clock[_kernel.RESIDUAL]:.3g}; "
                 "pass a shape as `initial`",
-                state=Shape(self.angles),
+                state=ElasticaState(self.angles),
             )
         structure = self.structure
         if isinstance(structure, ClampedStrip) and structure.rise == 0.0:
-            height = float(np.mean(structure.positions(self.angles)[:, 1]))
+            height = float(np.mean(structure._positions(self.angles)[:, 1]))
             if (height > 0) != (structure.bump == "up") and structure.end_angles == (0.0, 0.0):
                 raise NotConverged(
                     f"argument `bump` is {structure.bump!r}, but no stable shape buckled that way "
@@ -262,7 +262,7 @@ class Runner:
         if reason == _kernel.FAILED:
             raise NotConverged(
                 f"no stable equilibrium near the shape at t = {self.time:.6g}",
-                state=Shape(self.angles),
+                state=ElasticaState(self.angles),
             )
         return reason, rows
 
@@ -290,7 +290,7 @@ class Runner:
         self.angles[:], self.multipliers[:] = angles, forces
         return False
 
-    def snap(self) -> Snap | None:
+    def snap(self) -> ElasticaSnap | None:
         """Leave the equilibrium that is being lost, or return None if it is not.
 
         The natural curvature is first advanced by twice the bracket of the event, past the loss,
@@ -318,7 +318,7 @@ class Runner:
                 raise NotConverged(
                     f"no time step succeeds near t = {time:.9g}, though the shape is stable; use "
                     "another number of segments or step",
-                    state=Shape(before),
+                    state=ElasticaState(before),
                 )
             return None
         self.patience = PATIENCE
@@ -349,15 +349,15 @@ class Runner:
             raise NotConverged(
                 f"stability is lost at t = {time:.9g}, but the descent from there found no stable "
                 "shape; use more segments or another step",
-                state=Shape(before),
+                state=ElasticaState(before),
             )
         self.clock[_kernel.TRIAL] = 0.0
-        return Snap(
+        return ElasticaSnap(
             time + 0.5 * delay,
             0.5 * delay,
             "snap" if distance > jump else "bifurcation",
-            before,
-            self.angles.copy(),
+            ElasticaState(before),
+            ElasticaState(self.angles),
             self.curvature.copy(),
             mode,
             eigenvalue,
@@ -391,7 +391,7 @@ def structure_points(
     structure: Elastica, angles: Array, clock: Array
 ) -> tuple[Array, Array, Array]:
     """Return position and angle of the tangent at the springs, in the laboratory."""
-    nodes = structure.positions(angles)
+    nodes = structure._positions(angles)
     if structure.spring_positions.size == nodes.shape[0] - 1:  # springs between nodes
         points = 0.5 * (nodes[1:] + nodes[:-1])
     else:  # springs at the inner nodes (segment clamps)
@@ -419,16 +419,16 @@ def flux_target(
     if isinstance(light, UserLight):
         x, y, theta = structure_points(structure, angles, clock)
         flux = light.flux(x, y, theta, structure.spring_positions, time)
-        return structure.at_rest + gain * flux
-    space = _kernel.space_for(structure.chain, angles.size)
+        return structure.rest_curvature + gain * flux
+    space = _kernel.space_for(structure._chain, angles.size)
     space.nodes[_kernel.SINE] = np.sin(angles)
     space.nodes[_kernel.COSINE] = np.cos(angles)
     _kernel.illuminate(
         _kernel.Lamp(*light._lamp(gain, face)),
-        structure.chain,
+        structure._chain,
         angles,
         clock,
-        np.array(structure.at_rest),
+        np.array(structure.rest_curvature),
         space.nodes,
         space.springs,
     )
@@ -517,10 +517,10 @@ class Motion:
         scheme: str = "exponential-2",
         record_every: int | None = 1,
         report_at: ArrayLike | None = None,
-        initial: Shape | History | None = None,
+        initial: ElasticaState | ElasticaHistory | None = None,
         stop_after: int | None = None,
-        on_snap: Callable[[Snap], None] | None = None,
-    ) -> History:
+        on_snap: Callable[[ElasticaSnap], None] | None = None,
+    ) -> ElasticaHistory:
         r"""Follow the shape in time, through snaps.
 
         The natural curvature relaxes toward what the light asks for, :math:`\partial_T K_0 = -(K_0 -
@@ -546,16 +546,16 @@ class Motion:
         report_at : array_like, optional
             Times to hit exactly and record. Steps in between are then recorded only if
             `record_every` is given as well.
-        initial : Shape or History, optional
-            Begin with this shape, or go on from the end of a history.
+        initial : ElasticaState or ElasticaHistory, optional
+            Begin with this state, or go on from the end of a history.
         stop_after : int, optional
             Stop after so many snaps.
         on_snap : callable, optional
-            Called with each :class:`Snap`.
+            Called with each :class:`ElasticaSnap`.
 
         Returns
         -------
-        History
+        ElasticaHistory
 
         Raises
         ------
@@ -575,7 +575,7 @@ class Motion:
             stop_after = integer_at_least("stop_after", stop_after, 1)
         angles = curvature = None
         time, contact = 0.0, 0.0
-        if isinstance(initial, History):
+        if isinstance(initial, ElasticaHistory):
             if initial.structure.angles_count != structure.angles_count:
                 raise InvalidInput(
                     f"argument `initial` is a history with {initial.structure.angles_count} angles;"
@@ -583,11 +583,12 @@ class Motion:
                 )
             angles, curvature = initial.angles[-1], initial.curvature[-1]
             time, contact = float(initial.times[-1]), float(initial.contact[-1])
-        elif isinstance(initial, Shape):
+        elif isinstance(initial, ElasticaState):
             angles = structure.adopt(initial).angles
         elif initial is not None:
             raise InvalidInput(
-                f"argument `initial` is of type {type(initial).__name__}; pass a Shape or a History"
+                f"argument `initial` is of type {type(initial).__name__}; pass an ElasticaState or an "
+                "ElasticaHistory"
             )
         if until <= time:
             raise InvalidInput(f"argument `until` is {until}; it must exceed the start, {time:g}")
@@ -604,12 +605,14 @@ class Motion:
         runner = Runner(structure, self.light, SCHEMES[scheme], step, angles, curvature, time)
         runner.clock[_kernel.CONTACT] = contact
         recorder = _Recorder(structure)
-        snaps: list[Snap] = []
+        snaps: list[ElasticaSnap] = []
         every = 0 if record_every is None else record_every
         reason = "until"
 
-        def history(why: str) -> History:
-            return History._build(structure, self.light, recorder, tuple(snaps), why, runner)
+        def history(why: str) -> ElasticaHistory:
+            return ElasticaHistory._build(
+                structure, self.light, recorder, tuple(snaps), why, runner
+            )
 
         try:
             if angles is None:
@@ -631,7 +634,7 @@ class Motion:
                         if snap is None:
                             recorder.drop()
                             continue
-                        snap = Snap(**{**snap.__dict__, "row": row})
+                        snap = ElasticaSnap(**{**snap.__dict__, "row": row})
                         recorder.row(runner, "after snap")
                         snaps.append(snap)
                         stalled = stalled + 1 if snap.time - last < 1e-7 else 0
@@ -639,7 +642,7 @@ class Motion:
                             raise NotConverged(
                                 f"stability is lost again and again at t = {snap.time:.9g}; "
                                 "use more segments",
-                                state=Shape(runner.angles),
+                                state=ElasticaState(runner.angles),
                             )
                         if on_snap is not None:
                             on_snap(snap)
@@ -659,8 +662,11 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class History:
+class ElasticaHistory:
     """What happened to a strip or ring under light: one row per recorded instant.
+
+    Arrays, as compiled code fills them; :class:`lissome.History`, of any structure that evolves, holds
+    equilibria.
 
     Attributes
     ----------
@@ -681,7 +687,7 @@ class History:
         Arc length of the contact of a ring, unwrapped: the distance traveled.
     kinds : tuple of str
         "start", "step", "reported", "before snap", "after snap" or "end".
-    snaps : tuple of Snap
+    snaps : tuple of ElasticaSnap
         Losses of stability.
     reason : str
         "until", "snaps" (stop_after) or "failed".
@@ -714,7 +720,7 @@ class History:
     contact: Array = field(repr=False)
     pose: Array = field(repr=False)
     kinds: tuple[str, ...] = field(repr=False)
-    snaps: tuple[Snap, ...] = field(repr=False)
+    snaps: tuple[ElasticaSnap, ...] = field(repr=False)
     reason: str
     rate: float
     steps: int
@@ -726,10 +732,10 @@ class History:
         structure: Elastica,
         light: Light,
         recorder: _Recorder,
-        snaps: tuple[Snap, ...],
+        snaps: tuple[ElasticaSnap, ...],
         reason: str,
         runner: Runner,
-    ) -> History:
+    ) -> ElasticaHistory:
         """Assemble the recorded chunks."""
         table = np.concatenate(recorder.chunks)
         table.flags.writeable = False
@@ -764,7 +770,7 @@ class History:
     @cached_property
     def positions(self) -> Array:
         """Positions of the nodes in the laboratory, shape (r, nodes, 2)."""
-        body = self.structure.positions(self.angles)
+        body = self.structure._positions(self.angles)
         c, s = self.pose[:, 0, None], self.pose[:, 1, None]
         x = c * body[..., 0] - s * body[..., 1] + self.pose[:, 2, None]
         y = s * body[..., 0] + c * body[..., 1] + self.pose[:, 3, None]
@@ -780,9 +786,9 @@ class History:
         """Heights of the nodes, shape (r, nodes)."""
         return self.positions[..., 1]
 
-    def shape(self, row: int) -> Shape:
+    def state(self, row: int) -> ElasticaState:
         """Return the shape in row `row`, to begin another run with."""
-        return Shape(self.angles[row])
+        return ElasticaState(self.angles[row])
 
     def reactions(self, row: int) -> Reactions:
         """Return what the supports exert in row `row`: forces and moments of "start" and "end".
@@ -810,7 +816,7 @@ class History:
         In the L2 metric of the angle, so that it does not depend on the mesh. Computed at first use.
         """
         structure = self.structure
-        chain = structure.chain
+        chain = structure._chain
         space = _kernel.space_for(chain, structure.angles_count)
         out = np.empty(len(self))
         _kernel.eigenvalues_of(
@@ -928,7 +934,7 @@ class History:
         InvalidInput
             If this is no ring, or the window is longer than half of the history or holds too few rows.
         """
-        if not self.structure.chain.ring:
+        if not self.structure._chain.ring:
             raise InvalidInput("a strip does not roll; only a Ring has a speed")
         window = positive("window", window)
         end = self.times[-1]
@@ -952,9 +958,10 @@ class History:
         """Rolling speed of a ring over the last relaxation time."""
         return self.find_speed()[0]
 
-    # -- tables -------------------------------------------------------------------------------
-    def to_frame(self) -> pd.DataFrame:
-        """Return a table with one row per recorded instant.
+    # -- table --------------------------------------------------------------------------------
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """Table with one row per recorded instant.
 
         Columns: time, kind, energy, smallest_eigenvalue, deflection_descriptor, curvature_descriptor,
         crest (strips), contact and rotation (rings).
@@ -967,27 +974,15 @@ class History:
             "deflection_descriptor": self.deflection_descriptor,
             "curvature_descriptor": self.curvature_descriptor,
         }
-        if self.structure.chain.ring:
+        if self.structure._chain.ring:
             columns["contact"] = self.contact
             columns["rotation"] = self.rotation
         else:
             columns["crest"] = self.crest
         return pd.DataFrame(columns)
 
-    def snaps_to_frame(self) -> pd.DataFrame:
-        """Return a table with one row per snap."""
-        return pd.DataFrame(
-            {
-                "time": [s.time for s in self.snaps],
-                "uncertainty": [s.uncertainty for s in self.snaps],
-                "kind": [s.kind for s in self.snaps],
-                "eigenvalue": [s.eigenvalue for s in self.snaps],
-                "energy_released": [s.energy_released for s in self.snaps],
-            }
-        )
 
-
-def period_of(snaps: Sequence[Snap], tolerance: float, longest: int = 8) -> Period | None:
+def period_of(snaps: Sequence[ElasticaSnap], tolerance: float, longest: int = 8) -> Period | None:
     """Find the shortest repeating cycle at the end of a sequence of snaps.
 
     A cycle of q snaps is not taken for the period while a part of it repeats ever better: the motion

@@ -30,15 +30,15 @@ from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
 from .light import Light
 
-__all__ = ["ClampedStrip", "Elastica", "ElasticaEquilibrium", "Ring", "Shape"]
+__all__ = ["ClampedStrip", "Elastica", "ElasticaEquilibrium", "ElasticaState", "Ring"]
 
 Array = NDArray[np.float64]
 Curvature = float | ArrayLike | Callable[[Array], ArrayLike]
 
 
 @dataclass(frozen=True)
-class Shape:
-    """Shape of an elastica.
+class ElasticaState:
+    """Configuration of a strip or ring.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class ElasticaEquilibrium(Equilibrium):
     @cached_property
     def positions(self) -> Array:
         """Positions of the nodes, shape (nodes, 2)."""
-        return self.structure.positions(self.state.angles)
+        return self.structure.positions(self.state)
 
     @property
     def x(self) -> Array:
@@ -162,7 +162,7 @@ class Elastica(BaseStructure):
 
     # -- to be defined by the kinds -----------------------------------------------------------
     @property
-    def chain(self) -> _kernel.Chain:
+    def _chain(self) -> _kernel.Chain:
         """What the compiled kernels know of the geometry."""
         raise NotImplementedError
 
@@ -213,12 +213,12 @@ class Elastica(BaseStructure):
         return finite_array(name, value, shape=(count,))
 
     @property
-    def spontaneous(self) -> Array:
+    def present_curvature(self) -> Array:
         """Present natural curvature :math:`K_0` of each spring, shape (k - 1,), in units of 1/length."""
         return self._curvature  # type: ignore[attr-defined]
 
     @property
-    def at_rest(self) -> Array:
+    def rest_curvature(self) -> Array:
         """Natural curvature :math:`K_r` of each spring without light, shape (k - 1,), units of 1/length."""
         return self._natural_curvature  # type: ignore[attr-defined]
 
@@ -235,7 +235,7 @@ class Elastica(BaseStructure):
     @property
     def size(self) -> int:
         """Number of unknown angles."""
-        return self.chain.last - self.chain.first
+        return self._chain.last - self._chain.first
 
     @property
     def constraints_count(self) -> int:
@@ -247,7 +247,7 @@ class Elastica(BaseStructure):
         """Names of the constraints."""
         return ("horizontal distance of the ends", "vertical distance of the ends")
 
-    def adopt(self, state: Shape) -> Shape:
+    def adopt(self, state: ElasticaState) -> ElasticaState:
         """Return `state` with the prescribed end angles of this elastica.
 
         Raises
@@ -260,35 +260,35 @@ class Elastica(BaseStructure):
             raise InvalidInput(
                 f"argument `start` has {angles.size} angles; this elastica has {self.angles_count}"
             )
-        return Shape(self._impose(angles))
+        return ElasticaState(self._impose(angles))
 
     def _impose(self, angles: Array) -> Array:
         return angles
 
-    def retract(self, state: Shape, dx: Array) -> Shape:
+    def retract(self, state: ElasticaState, dx: Array) -> ElasticaState:
         """Return the shape with the unknown angles changed by `dx`."""
-        chain = self.chain
+        chain = self._chain
         angles = np.array(state.angles)
         angles[chain.first : chain.last] += dx
-        return Shape(angles)
+        return ElasticaState(angles)
 
-    def difference(self, a: Shape, b: Shape) -> Array:
+    def difference(self, a: ElasticaState, b: ElasticaState) -> Array:
         """Return the change of the unknown angles from `a` to `b`."""
-        chain = self.chain
+        chain = self._chain
         return (b.angles - a.angles)[chain.first : chain.last]
 
-    def metric(self, state: Shape) -> Array:
+    def metric(self, state: ElasticaState) -> Array:
         """Return quadrature weights: norms approximate :math:`\\int u^2 dS`."""
-        chain = self.chain
+        chain = self._chain
         weights = np.full(self.angles_count, chain.spacing)
         weights[0], weights[-1] = chain.weight_start, chain.weight_end
         return weights[chain.first : chain.last]
 
-    def noise(self, state: Shape) -> float:
+    def noise(self, state: ElasticaState) -> float:
         """Return the round-off of the differences of angles."""
         return 8 * EPS
 
-    def evaluate(self, state: Shape, multipliers: Array, order: int = 2) -> Evaluation:
+    def evaluate(self, state: ElasticaState, multipliers: Array, order: int = 2) -> Evaluation:
         """Return energy, constraints and derivatives up to `order`.
 
         Raises
@@ -296,14 +296,14 @@ class Elastica(BaseStructure):
         InvalidInput
             If `state` has another number of angles.
         """
-        chain = self.chain
+        chain = self._chain
         n, k = self.size, self.angles_count
         if state.angles.shape != (k,):
             raise InvalidInput(f"the state has {state.angles.size} angles; this elastica has {k}")
         angles = np.array(state.angles)
         work = _kernel.chain_work(n, 2)
         energy = _kernel.evaluate(
-            (chain, angles, np.array(self.spontaneous), np.zeros((_kernel.NODE_ROWS, k))),
+            (chain, angles, np.array(self.present_curvature), np.zeros((_kernel.NODE_ROWS, k))),
             angles[chain.first : chain.last],
             np.array(multipliers, dtype=float),
             work,
@@ -316,38 +316,42 @@ class Elastica(BaseStructure):
         kkt = TridiagonalKKT(work.band[DIAGONAL], work.band[OFF_DIAGONAL, :-1], work.rows)
         return Evaluation(energy, work.constraints, gradient, kkt)
 
-    def correct(self, state: Shape, multipliers: Array, tolerance: float) -> Corrected | None:
+    def correct(
+        self, state: ElasticaState, multipliers: Array, tolerance: float
+    ) -> Corrected | None:
         """Return a nearby stationary point by the compiled corrector, or None if it is not near.
 
         Parameters
         ----------
-        state : Shape
+        state : ElasticaState
             Where to start.
         multipliers : ndarray, shape (2,)
             A guess of the force.
         tolerance : float
             Not needed: the corrector goes on until rounding errors are all that is left.
         """
-        chain = self.chain
+        chain = self._chain
         angles = np.array(state.angles)
         forces = np.array(multipliers, dtype=float)
         work = _kernel.chain_work(self.size, 2)
         data = (
             chain,
             angles,
-            np.array(self.spontaneous),
+            np.array(self.present_curvature),
             np.zeros((_kernel.NODE_ROWS, self.angles_count)),
         )
         status, steps, *_ = _kernel.correct(
             angles[chain.first : chain.last],
             forces,
             data,
-            residual_floor(self.segments, float(np.max(np.abs(self.spontaneous)))),
+            residual_floor(self.segments, float(np.max(np.abs(self.present_curvature)))),
             12.0,
             0.5,
             work,
         )
-        return Corrected(Shape(angles), forces, iterations=int(steps)) if status == 0 else None
+        return (
+            Corrected(ElasticaState(angles), forces, iterations=int(steps)) if status == 0 else None
+        )
 
     def present(self, equilibrium: Equilibrium) -> ElasticaEquilibrium:
         """Return `equilibrium` with positions, as an :class:`ElasticaEquilibrium`."""
@@ -376,16 +380,13 @@ class Elastica(BaseStructure):
         return Reactions(())
 
     # -- geometry -----------------------------------------------------------------------------
-    def positions(self, angles: Array) -> Array:
-        """Return the positions of the nodes, shape (..., nodes, 2), in units of the length.
+    def positions(self, state: ElasticaState) -> Array:
+        """Return the positions of the nodes in `state`, shape (nodes, 2), in units of the length."""
+        return self._positions(state.angles)
 
-        Parameters
-        ----------
-        angles : array_like, shape (..., k)
-            Angles of the tangent (radians), of one shape or of many.
-        """
-        angles = np.asarray(angles, dtype=float)
-        h = self.chain.spacing
+    def _positions(self, angles: Array) -> Array:
+        """Return the positions (..., nodes, 2) of the nodes for angles (..., k) of many states."""
+        h = self._chain.spacing
         tangent = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         steps = 0.5 * h * (tangent[..., 1:, :] + tangent[..., :-1, :])
         out = np.zeros((*angles.shape[:-1], steps.shape[-2] + 1, 2))
@@ -501,7 +502,7 @@ class ClampedStrip(Elastica):
         self._check_common()
 
     @cached_property
-    def chain(self) -> _kernel.Chain:
+    def _chain(self) -> _kernel.Chain:
         """What the compiled kernels know of the geometry."""
         h = 1.0 / self.segments
         end = 0.5 * h if self.clamp == "node" else h
@@ -543,7 +544,7 @@ class ClampedStrip(Elastica):
             angles[-1] = self.end_angles[1]
         return angles
 
-    def start(self) -> Shape:
+    def start(self) -> ElasticaState:
         """Return a guess of the buckled shape: the linear mode with the right shortening."""
         s = self.angle_positions
         if self.clamp == "segment":
@@ -563,13 +564,11 @@ class ClampedStrip(Elastica):
         if self.ends == ("clamped", "clamped"):
             angles += self.end_angles[0] - tilt
             angles += s * (self.end_angles[1] - self.end_angles[0])
-        return Shape(self._impose(angles))
+        return ElasticaState(self._impose(angles))
 
-    def positions(self, angles: Array) -> Array:
-        """Return the positions of the nodes for angles of shape (..., k): shape (..., nodes, 2)."""
+    def _positions(self, angles: Array) -> Array:
         if self.clamp == "node":
-            return super().positions(angles)
-        angles = np.asarray(angles, dtype=float)
+            return super()._positions(angles)
         tangent = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         out = np.zeros((*angles.shape[:-1], angles.shape[-1] + 1, 2))
         np.cumsum(tangent / self.segments, axis=-2, out=out[..., 1:, :])
@@ -659,7 +658,7 @@ class Ring(Elastica):
         self._check_common()
 
     @cached_property
-    def chain(self) -> _kernel.Chain:
+    def _chain(self) -> _kernel.Chain:
         """What the compiled kernels know of the geometry."""
         h = 1.0 / self.segments
         return _kernel.Chain(h, 0.5 * h, 0.5 * h, 0.0, 0.0, 1, self.segments, True)
@@ -668,9 +667,9 @@ class Ring(Elastica):
         """Return the face that light falls on: the outer one, to the right of the tangent."""
         return -1.0
 
-    def start(self) -> Shape:
+    def start(self) -> ElasticaState:
         """Return a circle."""
-        return Shape(2.0 * math.pi * self.angle_positions)
+        return ElasticaState(2.0 * math.pi * self.angle_positions)
 
     def _impose(self, angles: Array) -> Array:
         angles = angles - angles[0]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from .._validate import integer_at_least, one_of, positive
 from ..errors import InvalidInput
 from . import _kernel
-from ._motion import DEFAULT_STEP, PERIOD_MEMORY, SCHEMES, Motion, Runner, Snap, period_of
+from ._motion import DEFAULT_STEP, PERIOD_MEMORY, SCHEMES, ElasticaSnap, Motion, Runner, period_of
 from ._structures import ClampedStrip
 from .light import Light
 
@@ -183,7 +183,7 @@ def flapping(
     snaps = integer_at_least("snaps", snaps, 1)
     runner = _runner(strip, light, step, scheme)
     table = runner.empty_table()
-    seen: list[Snap] = []
+    seen: list[ElasticaSnap] = []
     count = 0
     # Decay to rest takes log(1/rest) relaxation times at least: look about once in each.
     while runner.time < until and count < snaps:
