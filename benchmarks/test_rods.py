@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation, Slerp
 import lissome as ls
 from lissome import rods
 from lissome.references.circles import RingSection, mode_threshold
-from lissome.rods.centerline import CenterlineState
 from lissome.rods.centerline_structure import CenterlineTwist
 
 # A rod of circular section (radius 1/200 of its length, incompressible) that is curved at rest, clamped
@@ -53,12 +52,17 @@ def thesis_system(rod, equilibrium):
     """Return the KKT matrix of nodes, twist angles and tensions in LAPACK's storage."""
     twin = CenterlineTwist(rod)
     state = twin.from_rod(equilibrium.state)
-    return twin.newton_system(state, np.zeros(twin.constraints_count))
+    return in_general_storage(twin.evaluate(state, np.zeros(twin.constraints_count), 2).kkt)
 
 
 def own_system(equilibrium):
     """Return the band of the rod's own matrix in LAPACK's storage, without its border."""
-    band = equilibrium.evaluation.kkt.band
+    return in_general_storage(equilibrium.evaluation.kkt)
+
+
+def in_general_storage(kkt):
+    """Return the band of a KKT matrix for LAPACK's general solver, its width and a right side."""
+    band = kkt.band
     columns, width = band.shape[0], band.shape[1] - 1
     matrix = np.zeros((3 * width + 1, columns), order="F")
     matrix[2 * width] = band[:, 0]
@@ -181,12 +185,7 @@ class Optimization:
         self.known = None
 
     def state(self, x):
-        places, padded = self.twin.places, np.append(x, 0.0)
-        return CenterlineState(
-            self.start.positions + padded[places.node_unknown],
-            self.start.twists + padded[places.twist_unknown],
-            self.start.reference,
-        )
+        return self.twin.retract(self.start, x)
 
     def at(self, x, order=1, multipliers=None):
         key = (x.tobytes(), order, None if multipliers is None else multipliers.tobytes())

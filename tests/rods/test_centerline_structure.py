@@ -229,17 +229,25 @@ def test_supports_move():
 
 
 @pytest.mark.parametrize("name", ["both ends clamped", "extensible"])
-def test_the_band_for_lapack_is_the_kkt_matrix(name):
+def test_the_band_is_as_wide_as_the_text_says(name):
+    """Half width 12 with tensions among the unknowns, 10 without: LAPACK solves the same system."""
     twin = CenterlineTwist(RODS[name])
     state = shaken(twin, twin.start(), 5)
     multipliers = np.linspace(-1, 2, twin.constraints_count)
-    matrix, width, rhs = twin.newton_system(state, multipliers)
-    assert width == (10 if name == "extensible" else 12)
+    here = twin.evaluate(state, multipliers, 2)
+    band, chain = here.kkt.band, here.kkt.layout
+    width = 10 if name == "extensible" else 12
+    assert not np.any(band[: -width - 1, width + 1 :])
+    assert np.any(band[: -width - 1, width])
+    matrix = np.zeros((3 * width + 1, band.shape[0]), order="F")
+    matrix[2 * width] = band[:, 0]
+    for k in range(1, width + 1):
+        matrix[2 * width + k, :-k] = matrix[2 * width - k, k:] = band[:-k, k]
+    rhs = np.empty(band.shape[0])
+    rhs[chain.unknowns], rhs[chain.constraints] = -here.gradient, -here.constraints
     _, _, step, info = lapack.dgbsv(width, width, matrix, rhs)
     assert info == 0
-    here = twin.evaluate(state, multipliers, 2)
     dx, dm = here.kkt.factorize().solve(-here.gradient, -here.constraints)
-    chain = twin.places.chain
     np.testing.assert_allclose(step[chain.unknowns], dx, atol=1e-8 * np.max(np.abs(dx)))
     np.testing.assert_allclose(
         step[chain.constraints], dm, atol=1e-8 * np.max(np.abs(dm), initial=1)

@@ -105,12 +105,12 @@ class CenterlineTwist(BaseStructure):
                     f"argument `rod` has a clamped segment at node {support.node} with a free component "
                     "of its position; prescribe all three, or clamp the node (clamp='node')"
                 )
-        _ = self.places
+        _ = self._places
 
     # ---- layout --------------------------------------------------------------------------------
 
     @cached_property
-    def places(self) -> _Places:
+    def _places(self) -> _Places:
         """Where everything is.
 
         Raises
@@ -164,19 +164,19 @@ class CenterlineTwist(BaseStructure):
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        assert self.places.chain.unknowns is not None
-        return int(self.places.chain.unknowns.size)
+        assert self._places.chain.unknowns is not None
+        return int(self._places.chain.unknowns.size)
 
     @property
     def constraints_count(self) -> int:
         """Number of segments that keep their length."""
-        assert self.places.chain.constraints is not None
-        return int(self.places.chain.constraints.size)
+        assert self._places.chain.constraints is not None
+        return int(self._places.chain.constraints.size)
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
         """Names of the constraints."""
-        rows = np.flatnonzero(self.places.row_number >= 0)
+        rows = np.flatnonzero(self._places.row_number >= 0)
         return tuple(f"length of segment {j}" for j in rows)
 
     # ---- states --------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ class CenterlineTwist(BaseStructure):
 
     def _imposed(self, state: CenterlineState) -> CenterlineState:
         """Return `state` with the prescribed nodes and segments of this structure."""
-        places = self.places
+        places = self._places
         if state.segments != self.rod.lengths.size:
             raise InvalidInput(
                 f"argument `start` has {state.segments} segments; this rod has "
@@ -249,7 +249,7 @@ class CenterlineTwist(BaseStructure):
         InvalidInput
             If the increment turns a segment opposite to its reference; see :meth:`max_step`.
         """
-        places = self.places
+        places = self._places
         padded = np.append(dx, 0.0)  # entry -1: what does not move
         return reconstructed(
             state.positions + padded[places.node_unknown],
@@ -266,7 +266,7 @@ class CenterlineTwist(BaseStructure):
         InvalidInput
             If a segment of `b` points opposite to the reference of `a`.
         """
-        places = self.places
+        places = self._places
         twists = b.twists - a.twists
         if not np.array_equal(a.reference, b.reference):
             twists = b.referred_to(a.reference).twists - a.twists
@@ -289,7 +289,7 @@ class CenterlineTwist(BaseStructure):
         return float(
             _kernel.largest_step(
                 made.edges, made.sizes, made.tangents, made.binormals, frames, q, plan.left,
-                plan.right, self.places.node_unknown, self.places.twist_unknown,
+                plan.right, self._places.node_unknown, self._places.twist_unknown,
                 np.ascontiguousarray(dx, dtype=float),
             )
         )  # fmt: skip
@@ -339,7 +339,7 @@ class CenterlineTwist(BaseStructure):
         return np.array([self._gathered(*pair) for pair in generators]).reshape(-1, self.size)
 
     def _gathered(self, nodes: Array, twists: Array) -> Array:
-        places = self.places
+        places = self._places
         out = np.empty(self.size)
         out[places.node_unknown[places.node_unknown >= 0]] = nodes[places.node_unknown >= 0]
         out[places.twist_unknown[places.twist_unknown >= 0]] = twists[places.twist_unknown >= 0]
@@ -352,7 +352,7 @@ class CenterlineTwist(BaseStructure):
 
     def evaluate(self, state: CenterlineState, multipliers: Array, order: int = 2) -> Evaluation:
         """Return energy, constraints and derivatives up to `order`."""
-        rod, places, made = self.rod, self.places, state._made
+        rod, places, made = self.rod, self._places, state._made
         layout, plan = rod.layout, rod.layout.plan
         n, hinges = rod.lengths.size, plan.left.size
         frames = self._frames(state)
@@ -386,54 +386,3 @@ class CenterlineTwist(BaseStructure):
         if order == 1:
             return Evaluation(energy, constraints, gradient)
         return Evaluation(energy, constraints, gradient, ChainKKT(band, layout=places.chain))
-
-    def newton_system(self, state: CenterlineState, multipliers: Array) -> tuple[Array, int, Array]:
-        """Return the linear system of one Newton step in the storage of LAPACK's general band solver.
-
-        This is the matrix against which the speed of the library is measured: unknowns and multipliers
-        interleaved along the rod.
-
-        Parameters
-        ----------
-        state : CenterlineState
-            Where.
-        multipliers : ndarray, shape (m,)
-            The multipliers there.
-
-        Returns
-        -------
-        matrix : ndarray, shape (3 w + 1, columns), in Fortran order
-            General band storage with room for the pivoting.
-        width : int
-            Number w of diagonals below and above the main one: 12 for an inextensible rod.
-        rhs : ndarray, shape (columns,)
-            Minus gradient and constraints.
-
-        Examples
-        --------
-        >>> from scipy.linalg.lapack import dgbsv
-        >>> import numpy as np
-        >>> from lissome import rods
-        >>> from lissome.rods.centerline_structure import CenterlineTwist
-        >>> rod = rods.Rod(rods.Kirchhoff((1.0, 1.0), 0.8), [0.05] * 20)
-        >>> twin = CenterlineTwist(rod.clamped("start").loaded(end=(1.0, 0.0, 0.0)))
-        >>> matrix, width, rhs = twin.newton_system(twin.start(), np.zeros(20))
-        >>> _, _, step, info = dgbsv(width, width, matrix, rhs)
-        >>> print(width, info, round(float(step.max()), 2))  # a cantilever's deflection: 1/3
-        12 0 0.33
-        """
-        evaluation = self.evaluate(state, multipliers, 2)
-        assert isinstance(evaluation.kkt, ChainKKT)
-        assert evaluation.gradient is not None
-        band, chain = evaluation.kkt.band, self.places.chain
-        width = 12 if self.rod.stretching is None else 10
-        columns = band.shape[0]
-        matrix = np.zeros((3 * width + 1, columns), order="F")
-        matrix[2 * width] = band[:, 0]
-        for k in range(1, min(width, columns - 1) + 1):
-            matrix[2 * width + k, : columns - k] = band[: columns - k, k]
-            matrix[2 * width - k, k:] = band[: columns - k, k]
-        rhs = np.empty(columns)
-        rhs[chain.unknowns] = -evaluation.gradient
-        rhs[chain.constraints] = -evaluation.constraints
-        return matrix, width, rhs
