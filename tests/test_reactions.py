@@ -144,7 +144,7 @@ def test_light_bends_and_does_not_push():
         assert np.max(np.abs([total.force, total.moment])) < 1e-9 * scale
     last = len(history) - 1
     strip = STRIPS["tilted"].with_curvature(history.curvature[last])
-    again = ls.equilibrate(strip, history.shape(last)).reactions("start")
+    again = ls.equilibrate(strip, history.state(last)).reactions("start")
     assert again.moment == pytest.approx(history.reactions(last)["start"].moment, rel=1e-7)
 
 

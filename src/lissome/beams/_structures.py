@@ -363,7 +363,9 @@ class Elastica(BaseStructure):
         Forces are in units of bending stiffness over length squared, moments (about z) of bending
         stiffness over length, positions of the length.
         """
-        return self.supports_exert(equilibrium.angles, self.spontaneous, equilibrium.multipliers)
+        return self.supports_exert(
+            equilibrium.angles, self.present_curvature, equilibrium.multipliers
+        )
 
     def supports_exert(self, angles: Array, curvature: Array, force: Array) -> Reactions:
         """Return what the supports exert at given angles, natural curvature and internal force.
@@ -588,7 +590,7 @@ class ClampedStrip(Elastica):
         force : ndarray, shape (2,)
             Its multipliers, in units of bending stiffness over length squared.
         """
-        chain = self.chain
+        chain = self._chain
         bent = (angles[[1, -1]] - angles[[0, -2]]) / chain.spacing - curvature[[0, -1]]
         found = []
         for i, name in enumerate(("start", "end")):
