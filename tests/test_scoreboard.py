@@ -663,6 +663,8 @@ class TestRecords:
         monkeypatch.chdir(tmp_path)
         result = scoreboard.record("strip-best-angle-095", as_printed=BEST, uncertainty=0.04)
         assert result.verdict is Verdict.REPRODUCED
+        assert repr(result).startswith("reproduced: Angle of greatest flapping frequency")
+        assert repr(result).endswith(result.why)
         assert 'class="verdict verdict-reproduced"' in result._repr_html_()
         assert list(tmp_path.iterdir()) == []
 

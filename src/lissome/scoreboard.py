@@ -339,6 +339,9 @@ class Record:
             return ""
         return rounded(self.value - self.claim.value, self.uncertainty, style)
 
+    def __repr__(self) -> str:
+        return f"{self.verdict.value}: {_as_sentence(self.claim.text)} {self.why}"
+
     def _repr_html_(self) -> str:
         name = self.verdict.name.lower()
         return (
