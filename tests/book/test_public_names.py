@@ -35,10 +35,10 @@ def test_links_point_to_what_is_documented(mended, anchor, right):
 @pytest.mark.parametrize(
     ("module", "name", "full"),
     [
-        ("rods.results", "writhe", "lissome.rods.writhe"),
-        ("rods.results", "Crossings", "lissome.rods.results.Crossings"),
+        ("rods.topology", "writhe", "lissome.rods.writhe"),
+        ("rods.topology", "Crossings", "lissome.rods.topology.Crossings"),
         ("", "rods.centerline.State.move", "lissome.rods.State.move"),
-        ("rods.results", "unknown", None),
+        ("rods.topology", "unknown", None),
     ],
 )
 def test_names_that_a_package_shows_are_found_from_their_module(extension, module, name, full):

@@ -236,7 +236,7 @@ def test_bands_that_pass_through_themselves_are_warned_of():
 
 
 def test_a_band_that_is_too_wide_is_refused():
-    limit = ribbons.LIMIT
+    limit = ribbons.WIDEST_BAND
     with pytest.raises(InvalidInput, match=r"sqrt\(3\)"):
         _band(limit)
     with pytest.raises(InvalidInput, match=r"sqrt\(3\)"):
@@ -336,7 +336,7 @@ def test_graded_meshes_reach_97_percent_of_the_limit_and_converge(steep):
     for half_width in (1.755, 1.76):
         wider = ls.equilibrate(wider.structure.with_law(_law(half_width)), start=wider)
     assert wider.stable
-    assert wider.structure.law.width > 0.97 * ribbons.LIMIT
+    assert wider.structure.law.width > 0.97 * ribbons.WIDEST_BAND
 
 
 def test_a_graded_mesh_is_ten_times_as_good_as_a_uniform_one(steep):

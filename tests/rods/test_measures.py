@@ -14,7 +14,7 @@ from lissome.rods import measures
 from lissome.rods.measures import (
     CODES,
     MEASURES,
-    psi,
+    angle_over_strain,
     rotation_from_strain,
     strain_from_rotation,
 )
@@ -253,9 +253,9 @@ def test_psi_is_accurate_everywhere():
     exact = [
         1.0 if x == 0 else float(sp.N(sp.asin(sp.Rational(x) / 2) * 2 / x, 30)) for x in t[::7]
     ]
-    np.testing.assert_allclose(psi(t[::7]), exact, rtol=4e-16)
-    assert psi(2.0) == pytest.approx(math.pi / 2, rel=1e-15)
-    values = psi(t)
+    np.testing.assert_allclose(angle_over_strain(t[::7]), exact, rtol=4e-16)
+    assert angle_over_strain(2.0) == pytest.approx(math.pi / 2, rel=1e-15)
+    values = angle_over_strain(t)
     assert np.all((values >= 1.0) & (values <= math.pi / 2))
 
 
@@ -273,8 +273,8 @@ def test_both_branches_of_the_kernels_psi_meet():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: psi(2.1), "argument `t` holds 2.1"),
-        (lambda: psi([-0.1]), "argument `t` holds -0.1"),
+        (lambda: angle_over_strain(2.1), "argument `t` holds 2.1"),
+        (lambda: angle_over_strain([-0.1]), "argument `t` holds -0.1"),
         (lambda: strain_from_rotation([[1.0, 0.1, 0.0, 0.0]]), "unit quaternions"),
         (lambda: strain_from_rotation([[1.0, 0.0, 0.0, 0.0]], "sin"), "did you mean 'sine'"),
         (lambda: rotation_from_strain([[2.0, 0.0, 0.0]]), "more segments"),

@@ -236,8 +236,8 @@ def test_closed_curve_without_directors_closes(turns):
     assert energy(rod) == pytest.approx(0.0, abs=1e-24)
     twist = rod.strains(rod.initial)[:, 2]
     assert np.ptp(twist) < 1e-10  # what is missing is spread evenly
-    # Calugareanu: the total is turns - writhe up to a whole turn (see test_results)
-    from lissome.rods.results import writhe
+    # Calugareanu: the total is turns - writhe up to a whole turn (see test_topology)
+    from lissome.rods.topology import writhe
 
     total = twist[0] * rod.length / (2 * math.pi)
     offset = total - turns + writhe(nodes(rod), closed=True)

@@ -9,11 +9,11 @@ from __future__ import annotations
 from ._equilibrium import RibbonEquilibrium
 from ._structure import Ribbon, RibbonState
 from .laws import RibbonLaw, Sadowsky, Wunderlich, width_factor
-from .shapes import LIMIT, band, circle, straight
+from .shapes import WIDEST_BAND, band, circle, straight
 from .surface import DevelopedSurface
 
 __all__ = [
-    "LIMIT",
+    "WIDEST_BAND",
     "DevelopedSurface",
     "Ribbon",
     "RibbonEquilibrium",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .._validate import finite, integer_at_least, one_of
 from ..errors import InvalidInput, NotConverged
 from ..rods import RodEquilibrium
-from ..rods.results import node_values
+from ..rods._tables import node_values
 from . import _kernel
 from .surface import DevelopedSurface
 

@@ -13,6 +13,8 @@ per unit length of the center line (4.36). It is finite for :math:`|v| < 2` only
 neighbor on an edge. With :math:`v = 2\tanh a` the factor is :math:`g = a\coth a`, smooth for all a; the
 *fold variable* a is an unknown of the ribbons here, so that no step can pass the barrier.
 
+Ribbons that stretch a little are rods with laws of their own: :mod:`lissome.rods.ribbon_laws`.
+
 A plate that is curved at rest, by the tensor with components :math:`k_0` along the strip, :math:`\tau_0`
 (twist) and :math:`c_0` across it, adds terms that integrate exactly: with Poisson's ratio :math:`\nu`
 

@@ -15,12 +15,12 @@ from ..rods import straight as straight_rod
 from ..rods.quaternions import exponential, multiply
 from ._structure import Ribbon
 
-__all__ = ["LIMIT", "band", "circle", "straight"]
+__all__ = ["WIDEST_BAND", "band", "circle", "straight"]
 
 Array = NDArray[np.float64]
 
 #: No strip wider than this times its length closes with one half turn: flat triangles fold up there.
-LIMIT = 1.0 / math.sqrt(3.0)
+WIDEST_BAND = 1.0 / math.sqrt(3.0)
 
 
 def _carrier() -> Kirchhoff:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._validate import one_of
-from ..rods.results import FORMATS
+from ..rods._tables import FORMATS
 
 __all__ = ["DevelopedSurface"]
 

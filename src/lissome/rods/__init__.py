@@ -11,17 +11,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from . import laws, measures, quaternions, results, sections
+from . import laws, measures, quaternions, sections, topology
 from ._equilibrium import RodEquilibrium
 from ._structure import Rod, RodState
 from .law_checks import check_law
 from .laws import Kirchhoff, Law
 from .loads import Loads
-from .results import linking_number, self_crossings, writhe
-from .ribbon_laws import RefinedRibbon, RelaxedRibbon, SanoWada, crossover_length, ribbon_phi
+from .ribbon_laws import RefinedRibbon, RelaxedRibbon, SanoWada, crossover_length
 from .sections import Circle, Ellipse, Rectangle
 from .shapes import along, arc, helix, ring, straight
 from .supports import Support
+from .topology import linking_number, self_crossings, writhe
 from .user_laws import FunctionLaw, SymbolicLaw
 
 if TYPE_CHECKING:
@@ -55,12 +55,11 @@ __all__ = [
     "linking_number",
     "measures",
     "quaternions",
-    "results",
-    "ribbon_phi",
     "ring",
     "sections",
     "self_crossings",
     "straight",
+    "topology",
     "writhe",
 ]
 

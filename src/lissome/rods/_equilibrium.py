@@ -18,11 +18,11 @@ from .._validate import one_of
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning
 from ..reactions import Reaction, Reactions
-from . import _kernel, results
+from . import _kernel, _tables, topology
 from ._cells import Coupling, couple
 from .measures import CODES, pull_back_all
 from .quaternions import rotate, to_directors
-from .results import Crossings
+from .topology import Crossings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -209,7 +209,7 @@ class RodEquilibrium(Equilibrium):
     @cached_property
     def writhe(self) -> float:
         """Writhe of the polygon of nodes; quadratic work. Twist and writhe of a ring add up."""
-        return results.writhe(self.positions, closed=self.structure.closed)
+        return topology.writhe(self.positions, closed=self.structure.closed)
 
     @property
     def link(self) -> float:
@@ -235,7 +235,7 @@ class RodEquilibrium(Equilibrium):
         """
         rod = self.structure
         nodes = rod.positions(rod.initial)
-        before = _total_twist(rod, rod.initial) + results.writhe(nodes, closed=True)
+        before = _total_twist(rod, rod.initial) + topology.writhe(nodes, closed=True)
         return round((before - self.link) / 2.0)
 
     def self_crossings(self, distance: float | None = None, *, warn: bool = True) -> Crossings:
@@ -257,8 +257,8 @@ class RodEquilibrium(Equilibrium):
         """
         nodes, closed = self.positions, self.structure.closed
         if not warn:
-            return results.self_crossings(nodes, distance, closed=closed)
-        found = results.warn_of_self_crossings(nodes, distance, closed=closed, stacklevel=3)
+            return topology.self_crossings(nodes, distance, closed=closed)
+        found = topology.warn_of_self_crossings(nodes, distance, closed=closed, stacklevel=3)
         if closed and not found and self.passages:
             warnings.warn(
                 "the rod has passed through itself since its initial state (its linking number has "
@@ -270,7 +270,7 @@ class RodEquilibrium(Equilibrium):
 
     def _at_nodes(self, values: Array) -> Array:
         count = self.structure.lengths.size + 1
-        table = results.node_values(values, self.hinge_nodes, self.hinge_lengths, count)
+        table = _tables.node_values(values, self.hinge_nodes, self.hinge_lengths, count)
         if self.structure.closed:
             table[-1] = table[0]
         return table
@@ -310,17 +310,17 @@ class RodEquilibrium(Equilibrium):
         one_of("of", of, ("nodes", "hinges", "segments"))
         self.self_crossings()
         if of == "nodes":
-            return results.node_table(
+            return _tables.node_table(
                 self.arclength,
                 self.positions,
                 strains=self._at_nodes(self.strains),
                 moments=self._at_nodes(self.moments),
             )
         if of == "hinges":
-            return results.hinge_table(
+            return _tables.hinge_table(
                 self.hinge_nodes, self.hinge_arclength, strains=self.strains, moments=self.moments
             )
-        return results.segment_table(
+        return _tables.segment_table(
             0.5 * (self.arclength[:-1] + self.arclength[1:]),
             self.directors,
             forces=self.forces,
@@ -349,7 +349,7 @@ class RodEquilibrium(Equilibrium):
         """
         closed = self.structure.closed
         self.self_crossings()
-        return results.write_vtk(
+        return _tables.write_vtk(
             path,
             self.positions,
             self.directors,
@@ -392,4 +392,4 @@ def _total_twist(rod: Rod, state: RodState) -> float:
     plan = rod.layout.plan
     q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
     _kernel.hinge_rotations(rod._frames(state), plan.left, plan.right, plan.twist, q, kappa)
-    return results.total_twist(q)
+    return topology.total_twist(q)

@@ -17,7 +17,7 @@ from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning
 from ..factorization import ChainKKT
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
-from . import _kernel, results
+from . import _kernel, topology
 from ._cells import add_coupling, couple
 from ._corrector import fast_correction
 from ._equilibrium import RodEquilibrium
@@ -1007,10 +1007,10 @@ class Rod(BaseStructure):
             If parts of the rod come nearer to each other than a thousandth of its length.
         """
         state = equilibrium.state
-        if results.advances(state.quaternions):
+        if topology.advances(state.quaternions):
             return
         nodes = self.positions(state)
-        if results.self_crossings(nodes, closed=self.closed):
+        if topology.self_crossings(nodes, closed=self.closed):
             warnings.warn(
                 "the rod passes through itself, or comes within a thousandth of its length of itself; "
                 "self-contact is not modeled: `self_crossings` of the equilibrium tells where",

@@ -60,7 +60,7 @@ from .._compile import jit as _jit
 from .._validate import finite_array, one_of
 from ..errors import InvalidInput
 
-__all__ = ["CODES", "MEASURES", "psi", "rotation_from_strain", "strain_from_rotation"]
+__all__ = ["MEASURES", "angle_over_strain", "rotation_from_strain", "strain_from_rotation"]
 
 Array = NDArray[np.float64]
 
@@ -243,8 +243,8 @@ def pull_back_all(code, q, stress, stiffness, order):
 # The same for people
 
 
-def psi(t: ArrayLike) -> Array:
-    r"""Return :math:`\psi(t) = \arcsin(t/2)/(t/2)`, (4.18) of the thesis.
+def angle_over_strain(t: ArrayLike) -> Array:
+    r"""Return rotation angles over lengths of strains, :math:`\psi(t) = \arcsin(t/2)/(t/2)` (4.18).
 
     Parameters
     ----------
@@ -263,8 +263,8 @@ def psi(t: ArrayLike) -> Array:
 
     Examples
     --------
-    >>> from lissome.rods.measures import psi
-    >>> print(psi([0.0, 2.0]))
+    >>> from lissome.rods.measures import angle_over_strain
+    >>> print(angle_over_strain([0.0, 2.0]))
     [1.         1.57079633]
     """
     t = finite_array("t", t)

@@ -7,6 +7,10 @@ the thesis turns the section by a quarter: its :math:`\kappa_2`, with the stiffn
 Twist makes the edges longer than the middle of a ribbon. A narrow ribbon stretches; a wide one bends
 across its width until it is developable. The crossover is at curvatures about
 :math:`1/\xi \sim h/w^2`.
+
+These are laws for :class:`~lissome.rods.Rod`: any curvature and twist of its center line are possible,
+and have an energy. A ribbon that cannot stretch at all bends about rulings, which are unknowns of their
+own: that is another structure, :class:`lissome.ribbons.Ribbon`, with the laws of :mod:`lissome.ribbons.laws`.
 """
 
 from __future__ import annotations
@@ -28,8 +32,8 @@ __all__ = [
     "RefinedRibbon",
     "RelaxedRibbon",
     "SanoWada",
+    "audoly_neukirch_phi",
     "crossover_length",
-    "ribbon_phi",
 ]
 
 Array = NDArray[np.float64]
@@ -546,7 +550,7 @@ def _phi_values(z, out):
         out[i] = phi_terms(z[i])[0]
 
 
-def ribbon_phi(v: ArrayLike) -> Array:
+def audoly_neukirch_phi(v: ArrayLike) -> Array:
     r"""Return the function :math:`\varphi` of Audoly and Neukirch's refined ribbon law.
 
     .. math::
@@ -573,8 +577,8 @@ def ribbon_phi(v: ArrayLike) -> Array:
 
     Examples
     --------
-    >>> from lissome.rods.ribbon_laws import ribbon_phi
-    >>> print(1 / ribbon_phi(0.0))
+    >>> from lissome.rods.ribbon_laws import audoly_neukirch_phi
+    >>> print(1 / audoly_neukirch_phi(0.0))
     360.0
     """
     array: Array = finite_array("v", v)
@@ -631,7 +635,7 @@ class RefinedRibbon(CompiledLaw):
           + \tfrac12 \frac{Y w^5 h}{2} (\nu k_1^2 + k_3^2)^2\, \varphi(k_1/k^*),
         \qquad k^* = \frac{h}{w^2\sqrt{12(1-\nu^2)}}
 
-    with :func:`ribbon_phi`. At large :math:`k_1/k^*` it is Sadowsky's energy
+    with :func:`audoly_neukirch_phi`. At large :math:`k_1/k^*` it is Sadowsky's energy
     :math:`\tfrac12 D w (k_1^2+k_3^2)^2/k_1^2`, :math:`D = Y h^3/12(1-\nu^2)`. Without the term
     :math:`\nu k_1^2`, and with :math:`1/(360 + v^2/2)` in place of :math:`\varphi(v)`, which has the
     same limits, it is Sano and Wada's law with :math:`\xi^2 = (1-\nu^2) w^4/60h^2` and a quartic term

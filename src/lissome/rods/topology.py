@@ -1,8 +1,7 @@
-r"""What can be said about a rod's shape, as functions of plain arrays; tables and files.
+r"""Crossings, twist, writhe and linking of curves, as functions of plain arrays.
 
 Rods do not feel contact: parts of a rod may pass through each other, and nothing in the energy knows.
-:func:`self_crossings` finds where that happens, :func:`warn_of_self_crossings` warns, and so does
-:func:`lissome.equilibrate`.
+:func:`self_crossings` finds where that happens; :func:`lissome.equilibrate` warns of it.
 
 Twist, writhe and linking number are those of polygons with frames, and exact: for a closed rod
 :math:`\mathrm{Tw} + \mathrm{Wr}` is a whole number if the frames close up.
@@ -11,47 +10,26 @@ Twist, writhe and linking number are those of polygons with frames, and exact: f
 from __future__ import annotations
 
 import math
-import os
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
 from .._compile import jit
-from .._validate import finite_array, one_of, positive
+from .._validate import finite_array, positive
 from ..errors import InvalidInput, LissomeWarning
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-__all__ = [
-    "Crossings",
-    "hinge_table",
-    "linking_number",
-    "node_table",
-    "node_values",
-    "segment_table",
-    "self_crossings",
-    "total_twist",
-    "warn_of_self_crossings",
-    "write_vtk",
-    "writhe",
-]
+__all__ = ["Crossings", "linking_number", "self_crossings", "total_twist", "writhe"]
 
 Array = NDArray[np.float64]
 
 #: Default distance below which parts of a rod are said to cross, relative to its length.
 CROSSING_DISTANCE = 1e-3
-STRAINS = ("curvature_1", "curvature_2", "twist")
-FORMATS = (".vtu", ".vtk")
 
 
-def _nodes(name: str, value: ArrayLike) -> Array:
+def as_nodes(name: str, value: ArrayLike) -> Array:
     points: Array = finite_array(name, value, (None, 3))
     if points.shape[0] < 2:
         raise InvalidInput(f"argument `{name}` has {points.shape[0]} rows; pass at least 2 nodes")
@@ -60,7 +38,7 @@ def _nodes(name: str, value: ArrayLike) -> Array:
 
 def _closed_nodes(name: str, value: ArrayLike) -> Array:
     """Return nodes of a closed polygon with the first one repeated at the end."""
-    points = _nodes(name, value)
+    points = as_nodes(name, value)
     size = float(np.max(np.ptp(points, axis=0)))
     if np.max(np.abs(points[-1] - points[0])) > 1e-9 * size:
         points = np.concatenate([points, points[:1]])
@@ -94,7 +72,7 @@ class Crossings:
     --------
     Two strokes of a zigzag in space that pass each other at their middles, a tenth apart:
 
-    >>> from lissome.rods.results import self_crossings
+    >>> from lissome.rods.topology import self_crossings
     >>> nodes = [[-1, 0, 0], [1, 0, 0], [1, 3, 0], [0, 3, 0.1], [0, -3, 0.1]]
     >>> found = self_crossings(nodes, distance=0.2)
     >>> print(found.segments, found.distances, found.fractions)
@@ -213,14 +191,14 @@ def self_crossings(
     Examples
     --------
     >>> import numpy as np
-    >>> from lissome.rods.results import self_crossings
+    >>> from lissome.rods.topology import self_crossings
     >>> u = np.linspace(0, 2 * np.pi, 81)
     >>> eight = np.stack([np.sin(2 * u), np.sin(u), 0.01 * np.cos(u)], axis=1)
     >>> found = self_crossings(eight, 0.05, closed=True)
     >>> print(bool(found), found.distances.min().round(4))
     True 0.02
     """
-    points = _closed_nodes("nodes", nodes) if closed else _nodes("nodes", nodes)
+    points = _closed_nodes("nodes", nodes) if closed else as_nodes("nodes", nodes)
     edges = np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))
     total = float(edges.sum())
     reach = CROSSING_DISTANCE * total if distance is None else positive("distance", distance)
@@ -296,7 +274,7 @@ def warn_of_self_crossings(
     Examples
     --------
     >>> import warnings
-    >>> from lissome.rods.results import warn_of_self_crossings
+    >>> from lissome.rods.topology import warn_of_self_crossings
     >>> nodes = [[-1, 0, 0], [1, 0, 0], [1, 3, 0], [0, 3, 0.1], [0, -3, 0.1]]
     >>> with warnings.catch_warnings(record=True) as told:
     ...     warnings.simplefilter("always")
@@ -347,7 +325,7 @@ def total_twist(rotations: ArrayLike) -> float:
     Four quarter turns about the tangent, and a bend that does not count:
 
     >>> import numpy as np
-    >>> from lissome.rods.results import total_twist
+    >>> from lissome.rods.topology import total_twist
     >>> half = np.sqrt(0.5)
     >>> print(round(total_twist([[half, 0, 0, half]] * 4 + [[half, half, 0, 0]]), 12))
     1.0
@@ -451,7 +429,7 @@ def writhe(nodes: ArrayLike, *, closed: bool = False) -> float:
     Examples
     --------
     >>> import numpy as np
-    >>> from lissome.rods.results import writhe
+    >>> from lissome.rods.topology import writhe
     >>> u = np.linspace(0, 2 * np.pi, 200)
     >>> print(writhe(np.stack([np.cos(u), np.sin(u), 0 * u], axis=1), closed=True))
     0.0
@@ -459,10 +437,10 @@ def writhe(nodes: ArrayLike, *, closed: bool = False) -> float:
     if (
         not closed
     ):  # two segments that touch have no solid angle, but rounding errors would make one
-        ends = _nodes("nodes", nodes)
+        ends = as_nodes("nodes", nodes)
         gap = float(np.max(np.abs(ends[-1] - ends[0])))
         closed = ends.shape[0] > 3 and gap <= 1e-9 * float(np.max(np.ptp(ends, axis=0)))
-    points = _closed_nodes("nodes", nodes) if closed else _nodes("nodes", nodes)
+    points = _closed_nodes("nodes", nodes) if closed else as_nodes("nodes", nodes)
     return float(_writhe(points, bool(closed))) + 0.0  # no negative zero
 
 
@@ -487,7 +465,7 @@ def linking_number(first: ArrayLike, second: ArrayLike) -> int:
     Examples
     --------
     >>> import numpy as np
-    >>> from lissome.rods.results import linking_number
+    >>> from lissome.rods.topology import linking_number
     >>> u = np.linspace(0, 2 * np.pi, 30)
     >>> flat = np.stack([np.cos(u), np.sin(u), 0 * u], axis=1)
     >>> upright = np.stack([1 + np.cos(u), 0 * u, np.sin(u)], axis=1)
@@ -506,291 +484,3 @@ def linking_number(first: ArrayLike, second: ArrayLike) -> int:
             "of them"
         )
     return round(value)
-
-
-# ---------------------------------------------------------------------------------------------
-# Tables and files
-
-
-def node_values(
-    values: ArrayLike, hinge_nodes: ArrayLike, hinge_lengths: ArrayLike, count: int
-) -> Array:
-    """Return values of hinges as values of nodes.
-
-    Parameters
-    ----------
-    values : array_like, shape (n, ...)
-        One row for each hinge.
-    hinge_nodes : array_like of int, shape (n,)
-        Node of each hinge. A node that is clamped inside a rod has two hinges: their mean is taken,
-        weighted with their lengths.
-    hinge_lengths : array_like, shape (n,)
-        Rest lengths of the hinges.
-    count : int
-        Number of nodes.
-
-    Returns
-    -------
-    ndarray, shape (count, ...)
-        Not a number where a node has no hinge.
-
-    Raises
-    ------
-    InvalidInput
-        If shapes do not fit, or there is no such node.
-
-    Examples
-    --------
-    Node 1 has two hinges, of which one is three times as long; node 0 has none:
-
-    >>> from lissome.rods.results import node_values
-    >>> node_values([0.0, 4.0], [1, 1], [0.1, 0.3], count=2)
-    array([nan,  3.])
-    """
-    array = np.asarray(values, dtype=float)
-    where = finite_array("hinge_nodes", hinge_nodes, (array.shape[0],), dtype=np.int64)
-    weights: Array = finite_array("hinge_lengths", hinge_lengths, (array.shape[0],))
-    if np.any((where < 0) | (where >= count)):
-        raise InvalidInput(
-            f"argument `hinge_nodes` holds {where.min()} to {where.max()}; nodes are numbered 0 to "
-            f"{count - 1}"
-        )
-    shape = (-1,) + (1,) * (array.ndim - 1)
-    total, weight = np.zeros((count, *array.shape[1:])), np.zeros(count)
-    np.add.at(total, where, array * weights.reshape(shape))
-    np.add.at(weight, where, weights)
-    out = np.full_like(total, np.nan)
-    has = weight > 0.0
-    out[has] = total[has] / weight[has].reshape(shape)
-    return out
-
-
-def _columns(**groups: tuple[Any, tuple[str, ...]]) -> pd.DataFrame:
-    import pandas as pd
-
-    columns: dict[str, Any] = {}
-    rows: int | None = None
-    for argument, (values, names) in groups.items():
-        if values is None:
-            continue
-        array = np.asarray(values)
-        array = array.reshape(array.shape[0], -1) if array.ndim else array.reshape(0, 0)
-        if array.shape[1] != len(names) or (rows is not None and array.shape[0] != rows):
-            raise InvalidInput(
-                f"argument `{argument}` has shape {np.shape(values)}; it must have "
-                f"{'as many rows as the others' if rows is None else f'{rows} rows'} and "
-                f"{len(names)} numbers in each"
-            )
-        rows = array.shape[0]
-        columns.update({name: array[:, k] for k, name in enumerate(names)})
-    return pd.DataFrame(columns)
-
-
-def node_table(
-    arclength: ArrayLike, positions: ArrayLike, *, strains: Any = None, moments: Any = None
-) -> pd.DataFrame:
-    """Return a table with a row for each node.
-
-    Parameters
-    ----------
-    arclength : array_like, shape (N + 1,)
-        Rest arc lengths: column s.
-    positions : array_like, shape (N + 1, 3)
-        Columns x, y, z.
-    strains : array_like, shape (N + 1, 3), optional
-        Columns curvature_1, curvature_2, twist; see :func:`node_values`.
-    moments : array_like, shape (N + 1, 3), optional
-        Columns moment_1, moment_2, moment_3, along the directors.
-
-    Returns
-    -------
-    pandas.DataFrame
-
-    Raises
-    ------
-    InvalidInput
-        If shapes do not fit.
-
-    Examples
-    --------
-    >>> from lissome.rods.results import node_table
-    >>> node_table([0.0, 1.0], [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-         s    x    y    z
-    0  0.0  0.0  0.0  0.0
-    1  1.0  0.0  0.0  1.0
-    """
-    return _columns(
-        arclength=(arclength, ("s",)),
-        positions=(positions, ("x", "y", "z")),
-        strains=(strains, STRAINS),
-        moments=(moments, ("moment_1", "moment_2", "moment_3")),
-    )
-
-
-def hinge_table(
-    nodes: ArrayLike, arclength: ArrayLike, *, strains: Any = None, moments: Any = None
-) -> pd.DataFrame:
-    """Return a table with a row for each hinge.
-
-    Parameters
-    ----------
-    nodes : array_like of int, shape (n,)
-        Nodes of the hinges: column node.
-    arclength : array_like, shape (n,)
-        Their rest arc lengths: column s.
-    strains : array_like, shape (n, 3), optional
-        Columns curvature_1, curvature_2, twist.
-    moments : array_like, shape (n, 3), optional
-        Columns moment_1, moment_2, moment_3, along the directors.
-
-    Returns
-    -------
-    pandas.DataFrame
-
-    Raises
-    ------
-    InvalidInput
-        If shapes do not fit.
-
-    Examples
-    --------
-    >>> from lissome.rods.results import hinge_table
-    >>> hinge_table([1, 2], [0.5, 1.0], strains=[[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]])
-       node    s  curvature_1  curvature_2  twist
-    0     1  0.5          0.0          0.0    1.0
-    1     2  1.0          0.0          0.0    2.0
-    """
-    return _columns(
-        nodes=(nodes, ("node",)),
-        arclength=(arclength, ("s",)),
-        strains=(strains, STRAINS),
-        moments=(moments, ("moment_1", "moment_2", "moment_3")),
-    )
-
-
-def segment_table(
-    arclength: ArrayLike, directors: ArrayLike, *, forces: Any = None, stretches: Any = None
-) -> pd.DataFrame:
-    """Return a table with a row for each segment.
-
-    Parameters
-    ----------
-    arclength : array_like, shape (N,)
-        Rest arc lengths of the middles: column s.
-    directors : array_like, shape (N, 3, 3)
-        ``directors[j, I]`` is director I: columns d1x to d3z.
-    forces : array_like, shape (N, 3), optional
-        Internal forces: columns force_x, force_y, force_z.
-    stretches : array_like, shape (N,), optional
-        Column stretch.
-
-    Returns
-    -------
-    pandas.DataFrame
-
-    Raises
-    ------
-    InvalidInput
-        If shapes do not fit.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lissome.rods.results import segment_table
-    >>> table = segment_table([0.5], np.eye(3)[None], forces=[[0.0, 0.0, -1.0]])
-    >>> print(table.loc[0, ["s", "d1x", "d3z", "force_z"]].tolist())
-    [0.5, 1.0, 1.0, -1.0]
-    """
-    names = tuple(f"d{i}{c}" for i in (1, 2, 3) for c in "xyz")
-    return _columns(
-        arclength=(arclength, ("s",)),
-        directors=(directors, names),
-        forces=(forces, ("force_x", "force_y", "force_z")),
-        stretches=(stretches, ("stretch",)),
-    )
-
-
-def write_vtk(
-    path: str | os.PathLike[str],
-    positions: ArrayLike,
-    directors: ArrayLike,
-    *,
-    closed: bool = False,
-    point_data: Mapping[str, ArrayLike] | None = None,
-    cell_data: Mapping[str, ArrayLike] | None = None,
-) -> Path:
-    """Write a rod for ParaView: a chain of lines with directors and whatever is known on it.
-
-    Parameters
-    ----------
-    path : path
-        File to write; its name ends in ``.vtu`` (XML) or ``.vtk`` (legacy).
-    positions : array_like, shape (N + 1, 3)
-        Nodes. Of a closed rod the last one, which repeats the first, is left out.
-    directors : array_like, shape (N, 3, 3)
-        Written as the cell data d1, d2, d3.
-    closed : bool
-        Whether the last segment ends at node 0.
-    point_data : mapping, optional
-        Arrays (N + 1, ...) by name, such as strains; not a number is allowed.
-    cell_data : mapping, optional
-        Arrays (N, ...) by name, such as internal forces.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-
-    Raises
-    ------
-    InvalidInput
-        If shapes do not fit, or the name of the file says another format.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> import meshio
-    >>> import numpy as np
-    >>> from lissome.rods.results import write_vtk
-    >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 2.0]]
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = write_vtk(pathlib.Path(folder) / "rod.vtu", nodes, [np.eye(3)] * 2)
-    ...     rod = meshio.read(file)
-    >>> print(rod.points[-1], rod.cells_dict["line"].tolist())
-    [0. 0. 2.] [[0, 1], [1, 2]]
-    """
-    import meshio
-
-    file = Path(path)
-    one_of("path", file.suffix.lower(), FORMATS)
-    points = _nodes("positions", positions)
-    count = points.shape[0] - 1
-    frames: Array = finite_array("directors", directors, (count, 3, 3))
-    data = {"d1": frames[:, 0], "d2": frames[:, 1], "d3": frames[:, 2]}
-    lines = np.stack([np.arange(count), np.arange(1, count + 1)], axis=1)
-    kept = count + 1
-    if closed:
-        lines[-1, 1] = 0
-        kept = count
-
-    def arrays(kind: str, values: Mapping[str, ArrayLike] | None, rows: int) -> dict[str, Array]:
-        out = {}
-        for name, value in (values or {}).items():
-            array = np.ascontiguousarray(value, dtype=float)
-            if array.ndim == 0 or array.shape[0] != rows:
-                raise InvalidInput(
-                    f"argument `{kind}`[{name!r}] has shape {array.shape}; it must have {rows} rows"
-                )
-            out[name] = array
-        return out
-
-    on_points = {k: v[:kept] for k, v in arrays("point_data", point_data, count + 1).items()}
-    data |= arrays("cell_data", cell_data, count)
-    mesh = meshio.Mesh(
-        points[:kept],
-        [("line", lines)],
-        point_data=on_points,
-        cell_data={name: [np.ascontiguousarray(value)] for name, value in data.items()},
-    )
-    mesh.write(file)
-    return file
