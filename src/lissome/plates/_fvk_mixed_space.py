@@ -64,21 +64,27 @@ class MixedSpace:
         at_points, too = read_points(self.mesh, points)
         planes = {"displacement_x": 0, "displacement_y": n}
         slopes = []
+        self.holders: list[tuple[Hold, Index]] = []
         for hold in on_edges:
             if hold.what in planes:
                 nodes = nodes_on(self.mesh, first, hold.place)
                 place = self.positions[nodes]
                 held.put(planes[hold.what] + nodes, hold.value(place), hold, place)
+                self.holders.append((hold, planes[hold.what] + nodes))
             elif hold.what == "deflection":
                 nodes = nodes_on(self.mesh, second, hold.place)
                 place = self.inner_positions[nodes]
                 held.put(2 * n + nodes, hold.value(place), hold, place)
+                self.holders.append((hold, 2 * n + nodes))
             else:
                 slopes.append(hold)
+                nodes = nodes_on(self.mesh, second, hold.place) + 2 * n
+                self.holders.append((hold, np.concatenate([nodes + k, nodes + 2 * k])))
         for hold in at_points:
             place = self.positions[hold.place]
             where = planes.get(hold.what, 2 * n) + hold.place
             held.put(where, hold.value(place), hold, place)
+            self.holders.append((hold, where))
         if slopes:
             nodes, xi = self._held_slopes(slopes, held.values[2 * n : 2 * n + k])
             for axis in range(2):

@@ -199,6 +199,8 @@ class PlateSpace:
         The values at which they are held; 0 elsewhere.
     prescribed : bool
         Whether values were given, be they zero.
+    holders : list of (Hold, ndarray of int)
+        What holds which unknowns.
     """
 
     def __init__(self, mesh: Any, degree: int, edges: Any, points: Any = None) -> None:
@@ -225,17 +227,21 @@ class PlateSpace:
         on_edges, prescribed = read_edges(self.mesh, edges)
         at_points, too = read_points(self.mesh, points)
         first = {"displacement_x": 0, "displacement_y": n, "deflection": 2 * n}
+        self.holders: list[tuple[Hold, Index]] = []
         for hold in on_edges:
             if hold.what in first:
                 nodes = nodes_on(self.mesh, p, hold.place)
                 place = self.positions[nodes]
-                held.put(first[hold.what] + nodes, hold.value(place), hold, place)
+                unknowns = first[hold.what] + nodes
+                held.put(unknowns, hold.value(place), hold, place)
             else:
-                slopes = 3 * n + p * hold.place[:, None] + np.arange(p)
-                held.put(slopes.ravel(), self._held_slopes(hold).ravel(), hold)
+                unknowns = (3 * n + p * hold.place[:, None] + np.arange(p)).ravel()
+                held.put(unknowns, self._held_slopes(hold).ravel(), hold)
+            self.holders.append((hold, unknowns))
         for hold in at_points:
             place = self.positions[hold.place]
             held.put(first[hold.what] + hold.place, hold.value(place), hold, place)
+            self.holders.append((hold, first[hold.what] + hold.place))
         self.fixed, self.values = held.result()
         self.prescribed: bool = prescribed or too
         self.free: Index = np.flatnonzero(~self.fixed)

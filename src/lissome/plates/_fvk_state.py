@@ -14,7 +14,9 @@ from .._validate import finite_array, integer_at_least
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
 from ..factorization import Factorization, SparseKKT
+from ..reactions import Reactions
 from ..structure import BaseStructure
+from ._fvk_reactions import plate_reactions
 from ._fvk_space import sparse_pattern
 from ._fvk_tables import Lagrange, lagrange
 
@@ -225,6 +227,25 @@ class PlateUnknowns(BaseStructure):
     def present(self, equilibrium: Equilibrium) -> PlateEquilibrium:
         """Return the plate's own view of an equilibrium."""
         return equilibrium.as_type(PlateEquilibrium)
+
+    def reactions(self, equilibrium: Equilibrium) -> Reactions:
+        """Return what the supports exert in `equilibrium`.
+
+        They go by the parts of the boundary and the positions of points, as they were named in `edges`
+        and `points` (by "all" if `edges` is one kind for the whole boundary). What several supports hold
+        in common, such as a corner, is divided evenly among them. Forces are in the plane (x, y) and
+        across it (z), moments about the middle of an edge or the point, with bending moments along
+        clamped edges; a support on a curved or bent edge has the resultant of what acts along it.
+        """
+        return plate_reactions(self, equilibrium.state, equilibrium.multipliers)
+
+    def _residual(self, state: PlateState, multipliers: Array) -> Array:
+        """Return the derivative of the Lagrangian by all unknowns, held ones included, shape (size,)."""
+        raise NotImplementedError
+
+    def _rigid_motions(self, point: Array, state: PlateState) -> Array:
+        """Return displacements along x, y, z and turns about them around `point`, shape (6, size)."""
+        raise NotImplementedError
 
     # -- shapes -----------------------------------------------------------------------------------
 

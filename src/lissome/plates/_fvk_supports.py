@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,13 +36,15 @@ class Hold:
     """One quantity that is held on some edges, or at a vertex.
 
     `what` is "deflection", "slope", "gradient", "displacement_x" or "displacement_y"; `value` gives
-    numbers at positions (..., 2), vectors for a gradient.
+    numbers at positions (..., 2), vectors for a gradient. `part` is how the support was named: the
+    part of the boundary as it was given, or the position (x, y) of a point.
     """
 
     what: str
     place: Index  # facets, or the vertex of a point
     value: Field
     label: str  # for messages
+    part: Hashable
 
 
 def edge_senses(mesh: Any) -> Any:
@@ -142,7 +145,8 @@ def read_edges(mesh: Any, edges: Any) -> tuple[list[Hold], bool]:
     for part, kind in ({"all": edges} if whole else edges).items():
         fields, given = _fields("edges", kind)
         facets = boundary_part(mesh, part, "edges")
-        out += [Hold(what, facets, field, f"edges[{part!r}]") for what, field in fields.items()]
+        label = f"edges[{part!r}]"
+        out += [Hold(what, facets, field, label, part) for what, field in fields.items()]
         prescribed |= given
     return out, prescribed
 
@@ -179,7 +183,8 @@ def read_points(mesh: Any, points: Any) -> tuple[list[Hold], bool]:
             )
         where = np.array([vertex], dtype=np.int64)
         label = f"points[({at[0]:.6g}, {at[1]:.6g})]"
-        out += [Hold(what, where, field, label) for what, field in fields.items()]
+        part = (float(at[0]), float(at[1]))
+        out += [Hold(what, where, field, label, part) for what, field in fields.items()]
         prescribed |= given
     return out, prescribed
 

@@ -402,6 +402,36 @@ class MixedPlate(PlateUnknowns):
         hessian = sparse.csc_matrix((data, indices, indptr), shape=(n, n))
         return Evaluation(energy, constraints, gradient, SparseKKT(hessian, jacobian))
 
+    def _residual(self, state: PlateState, multipliers: Array) -> Array:
+        from ._fvk_kernel import membrane
+
+        space, m, x = self.space, self._material, self._vector(state)
+        force = np.zeros(space.size)
+        membrane(
+            1, m["local"], m["pattern"][2], m["gradients"], m["tilts"], m["weights"],
+            m["stretching"], m["poisson_ratio"], self._strain, x, force, np.empty(0),
+        )  # fmt: skip
+        rows = m["constraints"]
+        return np.asarray(
+            force + m["quadratic"] @ x - self._force + rows.T @ multipliers[: rows.shape[0]]
+        )
+
+    def _rigid_motions(self, point: Array, state: PlateState) -> Array:
+        space, n, k = self.space, self.space.outer_nodes, self.space.inner_nodes
+        vector = self._vector(state)
+        outer = np.empty(n)
+        local = vector[2 * n + space.inner_local] @ space.inner.values(space.outer.nodes).T
+        outer[space.outer_local] = local - point[2]
+        x, y = (space.positions - point[:2]).T
+        across, up = (space.inner_positions - point[:2]).T
+        rows = np.zeros((6, space.size))
+        rows[0, :n] = rows[1, n : 2 * n] = rows[2, 2 * n : 2 * n + k] = 1.0
+        rows[3, n : 2 * n], rows[3, 2 * n : 2 * n + k], rows[3, 2 * n + 2 * k :] = -outer, up, 1.0
+        rows[4, :n], rows[4, 2 * n : 2 * n + k] = outer, -across
+        rows[4, 2 * n + k : 2 * n + 2 * k] = -1.0
+        rows[5, :n], rows[5, n : 2 * n] = -y, x
+        return rows
+
     def metric(self, state: PlateState) -> Array:
         """Return areas of the nodes; for slopes, times the mean area of a triangle."""
         return self._material["mass"][self.space.free]

@@ -324,6 +324,29 @@ class Plate(PlateUnknowns):
         hessian = sparse.csc_matrix((data, indices, indptr), shape=(n, n))
         return Evaluation(energy, none, gradient, SparseKKT(hessian))
 
+    def _residual(self, state: PlateState, multipliers: Array) -> Array:
+        from ._fvk_kernel import membrane
+
+        space, m, x = self.space, self._membrane, self._vector(state)
+        force = np.zeros(space.size)
+        membrane(
+            1, space.local, space.pattern[2], m["gradients"], m["gradients"], m["weights"],
+            m["stretching"], m["poisson_ratio"], self._strain, x, force, np.empty(0),
+        )  # fmt: skip
+        return np.asarray(force + self._bending.matrix @ x - self._force)
+
+    def _rigid_motions(self, point: Array, state: PlateState) -> Array:
+        space, n = self.space, self.space.nodes
+        x, y = (space.positions - point[:2]).T
+        w = self._vector(state)[2 * n : 3 * n] - point[2]
+        rows = np.zeros((6, space.size))
+        rows[0, :n] = rows[1, n : 2 * n] = rows[2, 2 * n : 3 * n] = 1.0
+        # About x and y as the energy knows turns: w + b y goes with u_y - b w.
+        rows[3, n : 2 * n], rows[3, 2 * n : 3 * n], rows[3, 3 * n :] = -w, y, space.tilt[1]
+        rows[4, :n], rows[4, 2 * n : 3 * n], rows[4, 3 * n :] = w, -x, -space.tilt[0]
+        rows[5, :n], rows[5, n : 2 * n] = -y, x
+        return rows
+
     def metric(self, state: PlateState) -> Array:
         """Return areas of the nodes, and squared lengths of the edges for their slopes."""
         return self.space.mass[self.space.free]
