@@ -77,6 +77,16 @@ class PlateEquilibrium(Equilibrium):
     >>> found = ls.equilibrate(plate, plate.interpolate(lambda x, y: 0.005 * x * x))
     >>> print(f"{np.ptp(found.deflection):.5f} {found.bending_energy / 1e-8:.3f}")
     0.00125 0.000
+
+    What the edges of a plate bear: half of the pressure each.
+
+    >>> plate = Plate(
+    ...     mesh=meshes.rectangle(divisions=2), bending=1e-2, poisson_ratio=0.0, pressure=1e-3,
+    ...     edges={"left": "clamped", "right": "sliding clamp"},
+    ... )
+    >>> table = ls.equilibrate(plate).reactions().to_frame().set_index("support")
+    >>> print(table.force_z.round(7).to_dict())
+    {'left': -0.0005, 'right': -0.0005}
     """
 
     @property
