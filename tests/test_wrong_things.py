@@ -1,5 +1,10 @@
 """What is passed for something else is named, with what to pass: never an error from deep inside."""
 
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+
 import numpy as np
 import pytest
 
@@ -97,3 +102,27 @@ def test_a_laminate_of_films_names_its_own_arguments(name, value):
 def test_energies_are_numbers(value):
     with pytest.raises(InvalidInput, match="argument `released_energy`"):
         plates.energy_height(value, stretching_modulus=1e3, thickness=9e-5, density=1e3)
+
+
+def dataclasses_with_arrays():
+    """Yield the public classes of values that hold arrays."""
+    for info in pkgutil.walk_packages(ls.__path__, "lissome."):
+        module = importlib.import_module(info.name)
+        for name in getattr(module, "__all__", ()):
+            kind = getattr(module, name)
+            if dataclasses.is_dataclass(kind) and inspect.isclass(kind):
+                types = [str(field.type) for field in dataclasses.fields(kind) if field.compare]
+                held = [text for text in types if "Callable" not in text]
+                if any("Array" in text or "Equilibrium" in text for text in held):
+                    yield kind
+
+
+def test_what_holds_arrays_is_compared_by_identity_and_can_be_a_key():
+    """Comparing the arrays in a tuple of fields would raise, in `==`, in `in` and in `index`."""
+    kinds = set(dataclasses_with_arrays())
+    assert {type(RESTING), type(RESTING.state), ls.Event, ls.History} <= kinds
+    assert [kind for kind in kinds if kind.__eq__ is not object.__eq__] == []
+    again = ls.equilibrate(COLUMN)
+    assert again != RESTING and again.state != RESTING.state
+    assert {RESTING: "a"}[RESTING] == "a"
+    assert [RESTING, again].index(again) == 1

@@ -68,7 +68,7 @@ class BranchInterrupted(NotConverged):
         return without_what_cannot_travel(super().__reduce__(), "branch")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Event:
     """Something that happened on a branch.
 
@@ -150,7 +150,7 @@ class Event:
         return self.modes[0]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Row:
     kind: str
     parameter: float

@@ -39,7 +39,7 @@ class CorrectionFailed(LissomeError):
     """Newton's corrections do not contract from this guess: the step is too long."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Balanced:
     """An equilibrium of any index, with the factors of its KKT matrix.
 

@@ -92,7 +92,7 @@ class Iteration:
 E = TypeVar("E", bound="Equilibrium")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Equilibrium:
     """A stationary point of a structure: balanced, and stable unless it was asked for otherwise.
 

@@ -96,7 +96,7 @@ class Evolving(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Marched:
     """What a compiled march has come to.
 
@@ -130,7 +130,7 @@ class Marched:
     steps: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Snap:
     """A loss of stability, and the motion to another equilibrium.
 
@@ -231,7 +231,7 @@ class EvolutionInterrupted(NotConverged):
         return without_what_cannot_travel(super().__reduce__(), "history")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class History:
     """Stable equilibria in the order of time.
 

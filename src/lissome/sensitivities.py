@@ -75,7 +75,7 @@ class Output:
     parameter_gradient: Callable[[Any, Array, Any], ArrayLike] | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sensitivity:
     """Derivatives of an equilibrium with respect to k parameters.
 

@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """Energy, constraints and derivatives of a structure at one state.
 
@@ -75,7 +75,7 @@ class Evaluation:
     kkt: KKTMatrix | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Corrected:
     """What a structure's own corrector hands over to :func:`lissome.equilibrate`.
 
@@ -230,7 +230,7 @@ class Structure(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class VectorState:
     """A state that is a plain vector of unknowns.
 
@@ -361,7 +361,7 @@ def _matrix(name: str, value: ArrayLike, shape: tuple[int, int]) -> Array:
     return array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DenseStructure(BaseStructure):
     """A structure with few unknowns, made of plain functions of a vector.
 

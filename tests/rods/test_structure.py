@@ -85,6 +85,22 @@ def test_buckled_isotropic_column_has_a_neutral_plane_of_bending():
     assert eq.energy == pytest.approx(ls.equilibrate(mate).energy, rel=1e-10)
 
 
+@pytest.mark.parametrize("segments", [20, 100])
+@pytest.mark.parametrize("clamp", ["node", "segment"])
+@pytest.mark.parametrize("load", [-5.0, -1.0, 1.0])
+def test_a_straight_isotropic_start_does_not_hide_the_neutral_plane(segments, clamp, load):
+    """Straight, the rod does not move when it turns about its axis; buckled it does."""
+    law = Kirchhoff(1.0, 0.7)
+    rod = Rod(law, np.full(segments, 1.0 / segments)).clamped("start", clamp=clamp)
+    rod = rod.clamped("end", position=(0, 0, 0.9), clamp=clamp)
+    eq = ls.equilibrate(rod.loaded(distributed=(0, 0, load)))
+    assert eq.stable
+    assert eq.gauge.shape[0] == 1
+    # What is left of the load when the force of the clamp is taken off is even about the middle.
+    mirror = ls.equilibrate(rod.loaded(distributed=(0, 0, -load)))
+    assert eq.energy - mirror.energy == pytest.approx(-0.9 * load, rel=1e-6)
+
+
 # ---- uniform states ----------------------------------------------------------------------------
 
 

@@ -81,7 +81,7 @@ class Period(NamedTuple):
     distance: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ElasticaSnap:
     """A loss of stability at a fixed instant, and what follows at frozen natural curvature.
 

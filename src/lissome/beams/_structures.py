@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 Curvature = float | ArrayLike | Callable[[Array], ArrayLike]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ElasticaState:
     """Configuration of a strip or ring.
 
@@ -69,7 +69,7 @@ class ElasticaState:
         object.__setattr__(self, "angles", angles)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ElasticaEquilibrium(Equilibrium):
     """An equilibrium of a strip or ring.
 

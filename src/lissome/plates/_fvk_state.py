@@ -25,7 +25,7 @@ Index = NDArray[np.int64]
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlateState:
     """The unknowns of a plate: a vector that the plate's methods take apart.
 
@@ -58,7 +58,7 @@ class PlateState:
         object.__setattr__(self, "x", x)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlateEquilibrium(Equilibrium):
     """An equilibrium of a plate, with its shape.
 

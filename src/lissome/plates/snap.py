@@ -33,7 +33,7 @@ __all__ = ["CriticalCurvature", "Inversion", "critical_curvature", "dome", "inve
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Inversion:
     """How a dome inverts, or that it does not.
 

@@ -107,7 +107,7 @@ def distributed_loads(count: int = 1) -> Array:
     return np.asarray(2.25 * np.square(zeros))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HeavyCantilever:
     r"""A cantilever that has buckled under a dead load spread evenly over its length.
 

@@ -28,7 +28,7 @@ __all__ = ["SpatialCantilever", "spatial_cantilever"]
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SpatialCantilever:
     r"""A clamped rod in equilibrium under a dead end force.
 

@@ -67,7 +67,7 @@ def _grid(pieces: int, degree: int) -> tuple[Array, Array, Array]:
     return x, d[None] / half[:, None, None], half[:, None] * weights
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AxisymmetricDisc:
     r"""An axisymmetric Foeppl-von Karman disc.
 
@@ -264,7 +264,7 @@ class AxisymmetricDisc:
         raise NotConverged("the disc has no axisymmetric state near the start; start nearer")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AxisymmetricState:
     """A state of a disc.
 

@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 _TWO_PI = 2.0 * np.pi
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FoldedRing:
     r"""A ring on the branch from the single to the triple circle; its length is 1.
 

@@ -128,7 +128,7 @@ def dimensionless_illumination(
     return -12.0 * strain * light * span * moment / thickness**3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Snap:
     """A loss of stability and the jump that follows it.
 
@@ -160,7 +160,7 @@ class Snap:
     direction: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StripHistory:
     """History of a strip under light.
 
@@ -579,7 +579,7 @@ def snap_time(
     return history.snaps[0].time if history.snaps else np.inf
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SteadyLimit:
     """End of the stable steady states of a lit strip, as the light grows.
 

@@ -353,7 +353,7 @@ def linear_natural_curvature(
     return np.where(lit, wave + np.where(lit, tail, 0.0), np.where(lit, 0.0, dark))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RollingWave:
     """A steadily rolling ring of the nonlinear model.
 

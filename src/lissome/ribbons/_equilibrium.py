@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 ROUGH = 0.15
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RibbonEquilibrium(RodEquilibrium):
     """An equilibrium of a ribbon. It has all that an equilibrium of a rod has, and its rulings.
 

@@ -65,7 +65,7 @@ class _RibbonKKT(ChainKKT):
         return super().magnitude(dx, dmultipliers)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RibbonState(RodState):
     """Configuration of a ribbon: that of its center line, and its rulings.
 

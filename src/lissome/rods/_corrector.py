@@ -83,6 +83,8 @@ def fast_correction(
                 return None
             state, multipliers = rod.retract(state, dx), multipliers + dm
             here = rod.evaluate(state, multipliers, 2)
+            if gauge.shape[0] or rod.isotropic:
+                gauge = rod.gauge(state)
             # The error that is left shrinks once more by the ratio of the two steps.
             last = second
             continue
@@ -109,7 +111,7 @@ def fast_correction(
         expected = 0.1 * size if shift == 0.0 and step == 1.0 and size < 0.3 else 0.0
         last = size if shift == 0.0 and step == 1.0 else math.inf
         state, multipliers, here = trial, multipliers + step * dm, new
-        if gauge.shape[0]:
+        if gauge.shape[0] or rod.isotropic:  # a straight rod does not move when it turns
             gauge = rod.gauge(state)
         if step == 1.0:
             shift *= 0.1

@@ -34,7 +34,7 @@ __all__ = ["RodEquilibrium"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RodEquilibrium(Equilibrium):
     """An equilibrium of a rod.
 

@@ -43,7 +43,7 @@ def _frozen(array: Array) -> Array:
     return array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RodState:
     """Configuration of a rod.
 

@@ -55,7 +55,7 @@ def _closed_nodes(name: str, value: ArrayLike) -> Array:
 # Self-crossing
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Crossings:
     """Pairs of segments of one rod that are too near each other, nearest first.
 
