@@ -42,6 +42,8 @@ def fast_correction(
     a much shorter one.
     """
     gauge = rod.gauge(state)
+    # A straight isotropic rod does not move when it turns about itself; bent, it does. No ribbon is so.
+    revealed = getattr(rod, "isotropic", False)
     here = rod.evaluate(state, multipliers, 2)
     penalty = np.zeros(multipliers.size)
     shift, expected, last = 0.0, math.inf, math.inf
@@ -83,7 +85,7 @@ def fast_correction(
                 return None
             state, multipliers = rod.retract(state, dx), multipliers + dm
             here = rod.evaluate(state, multipliers, 2)
-            if gauge.shape[0] or rod.isotropic:
+            if gauge.shape[0] or revealed:
                 gauge = rod.gauge(state)
             # The error that is left shrinks once more by the ratio of the two steps.
             last = second
@@ -111,7 +113,7 @@ def fast_correction(
         expected = 0.1 * size if shift == 0.0 and step == 1.0 and size < 0.3 else 0.0
         last = size if shift == 0.0 and step == 1.0 else math.inf
         state, multipliers, here = trial, multipliers + step * dm, new
-        if gauge.shape[0] or rod.isotropic:  # a straight rod does not move when it turns
+        if gauge.shape[0] or revealed:
             gauge = rod.gauge(state)
         if step == 1.0:
             shift *= 0.1
