@@ -133,10 +133,6 @@ def test_flight_meets_what_was_measured(height, distance):
     assert leap.leg_difference(1.0) == pytest.approx(math.sin(leap.tilt), rel=1e-12)
 
 
-def test_energy_share():
-    assert flight_from_heights(0.02, 0.0).energy_share(0.2) == pytest.approx(0.1, rel=1e-12)
-
-
 @pytest.mark.parametrize("height", [1e-3, 0.02, 0.2])
 def test_drag_against_an_integration_of_motion(height):
     terminal = terminal_speed(thickness=90e-6, density=1200.0)

@@ -36,8 +36,6 @@ from .directors import (
     require_inside,
 )
 from .films import (
-    CurvatureSigns,
-    curvature_signs,
     film_curve,
     film_laminate,
     film_layer,
@@ -67,7 +65,6 @@ from .thermal_strain import (
 __all__ = [
     "Conduction",
     "Convection",
-    "CurvatureSigns",
     "Defect",
     "DirectedTensor",
     "Director",
@@ -92,7 +89,6 @@ __all__ = [
     "TemperatureProfile",
     "UniformDirector",
     "UserDirector",
-    "curvature_signs",
     "energy_height",
     "film_curve",
     "film_laminate",

@@ -13,22 +13,15 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
-
-import numpy as np
 
 from .. import literature
 from .._validate import finite, one_of, positive
 from ..errors import InvalidInput
-from .actuation import spontaneous_history
-from .conduction import Conduction, FixedTemperature, Insulated, TemperatureHistory
 from .laminate import Laminate, Layer
 from .thermal_strain import SigmoidCurve, StrainCurve, TabulatedCurve, fit_sigmoid
 
 __all__ = [
-    "CurvatureSigns",
-    "curvature_signs",
     "film_curve",
     "film_laminate",
     "film_layer",
@@ -38,7 +31,6 @@ __all__ = [
 
 FILMS: tuple[str, ...] = ("stiff", "soft")
 _DIRECTIONS = {"along": "parallel", "across": "perpendicular"}
-_LAST_TIME = 6.0  # exp(-pi^2/4 * 6) = 4e-7 of the jump is left
 
 
 @functools.cache
@@ -300,140 +292,6 @@ def film_laminate(
             for film in films
         ]
     )
-
-
-@dataclass(frozen=True)
-class CurvatureSigns:
-    """How the spontaneous curvature of a stack changes sign on a hot plate, either side down.
-
-    Attributes
-    ----------
-    down, up : tuple of float
-        Scaled times t D/h^2 > 0 of the changes with the stack as given, and turned over.
-    limit_down, limit_up : float
-        Curvature along the director after a long time, times the thickness.
-    strain_monotone : bool
-        Whether the in-plane strain along the director falls all the time in both orientations.
-    strain_apart : float
-        Greatest difference of the in-plane strains of the two orientations, over the final one.
-    strains : tuple of float
-        Strain of the bottom and of the top film of the stack at the temperature of the plate.
-
-    Examples
-    --------
-    A stack of equal films does the same whichever side is down:
-
-    >>> from lissome.plates import curvature_signs, film_laminate
-    >>> stack = film_laminate(["soft", "soft"], soft_width=12.0, stiff_width=25.0)
-    >>> signs = curvature_signs(stack)
-    >>> signs.down == signs.up, signs.as_claimed, abs(signs.limit_down) < 1e-9
-    (True, False, True)
-    """
-
-    down: tuple[float, ...]
-    up: tuple[float, ...]
-    limit_down: float
-    limit_up: float
-    strain_monotone: bool
-    strain_apart: float
-    strains: tuple[float, float]
-
-    @property
-    def as_claimed(self) -> bool:
-        """One change with the stack as given, none when it is turned over."""
-        return len(self.down) == 1 and not self.up
-
-
-def curvature_signs(
-    laminate: Laminate,
-    *,
-    plate_temperature: float | None = None,
-    start_temperature: float | None = None,
-) -> CurvatureSigns:
-    """Count the changes of sign of the spontaneous curvature on a hot plate.
-
-    The bottom is held at the temperature of the plate, the top is insulated. The layers must
-    conduct alike, so that one heat problem serves both orientations.
-
-    Parameters
-    ----------
-    laminate : Laminate
-        From the bottom.
-    plate_temperature, start_temperature : float, optional
-        160 and 25 degrees Celsius, as in the thesis, by default.
-
-    Returns
-    -------
-    CurvatureSigns
-
-    Raises
-    ------
-    InvalidInput
-        If the layers do not conduct alike.
-
-    Examples
-    --------
-    >>> from lissome.plates import curvature_signs, film_laminate
-    >>> signs = curvature_signs(film_laminate(soft_width=12.0, stiff_width=25.0))
-    >>> len(signs.down), len(signs.up), signs.as_claimed
-    (1, 0, True)
-    """
-    hot = _printed("c5-plate-temperature") if plate_temperature is None else plate_temperature
-    cold = _printed("c5-ramp-start") if start_temperature is None else start_temperature
-    layers = laminate.layers
-    if len({(l.conductivity, l.heat_capacity) for l in layers}) > 1:
-        raise InvalidInput(
-            "argument `laminate` has layers that conduct differently; follow each orientation with "
-            "spontaneous_history"
-        )
-    fractions = tuple(l.thickness / laminate.thickness for l in layers)
-    turned = laminate.flipped()
-    histories = [
-        spontaneous_history(
-            _unit_thickness(stack),
-            _hot_plate(shares, float(hot), float(cold)),
-        )
-        for stack, shares in ((laminate, fractions), (turned, fractions[::-1]))
-    ]
-    limits = [h.limit() for h in histories]
-    strains = [h.values.strain_along for h in histories]
-    final = abs(float(limits[0].strain_along)) or 1.0
-    return CurvatureSigns(
-        down=tuple(histories[0].curvature_zeros().tolist()),
-        up=tuple(histories[1].curvature_zeros().tolist()),
-        limit_down=float(limits[0].curvature_along),
-        limit_up=float(limits[1].curvature_along),
-        strain_monotone=all(bool((np.diff(s) <= 1e-6 * final).all()) for s in strains),
-        strain_apart=float(np.abs(_common(histories[0]) - _common(histories[1])).max()) / final,
-        strains=(
-            float(layers[0].strain(float(hot))),
-            float(layers[-1].strain(float(hot))),
-        ),
-    )
-
-
-def _common(history: Any) -> np.ndarray:
-    times = np.geomspace(1e-4, history.times[-1], 200)
-    return spontaneous_history(history.laminate, history.temperature, times).values.strain_along
-
-
-def _unit_thickness(laminate: Laminate) -> Laminate:
-    """Return the stack in units of its thickness, of unit diffusivity."""
-    h = laminate.thickness
-    return Laminate(
-        [
-            replace(
-                l, thickness=l.thickness / h, conductivity=1.0, heat_capacity=1.0, physical=False
-            )
-            for l in laminate.layers
-        ]
-    )
-
-
-@functools.lru_cache(maxsize=32)
-def _hot_plate(fractions: tuple[float, ...], hot: float, cold: float) -> TemperatureHistory:
-    sheet = Laminate([Layer(share, 1.0, 0.5) for share in fractions])
-    return Conduction(sheet, FixedTemperature(hot), Insulated(), cold).run(until=_LAST_TIME)
 
 
 def film_region(

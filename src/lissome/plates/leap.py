@@ -174,16 +174,6 @@ class Flight:
         """
         return positive("length", length) * math.sin(self.tilt)
 
-    def energy_share(self, energy_height: float) -> float:
-        """Return the launch energy over that of the bound `energy_height` (:func:`.energy_height`).
-
-        Raises
-        ------
-        InvalidInput
-            If `energy_height` is not positive.
-        """
-        return self.speed**2 / (2.0 * self.gravity) / positive("energy_height", energy_height)
-
 
 def flight_from_heights(
     height: float, distance: float, *, gravity: float = STANDARD_GRAVITY
