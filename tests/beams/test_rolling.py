@@ -85,7 +85,7 @@ def test_the_contact_touches_and_carries():
     centered = np.stack([x - x.mean(), y - y.mean()])
     heights = -(centered[1] * np.cos(angles) - centered[0] * np.sin(angles))
     lowest = np.argmin(heights)
-    s = history.structure.angle_positions[lowest]
+    s = history.structure.angle_arclength[lowest]
     gap = (contact - s + 0.5) % 1.0 - 0.5
     assert min(abs(gap), abs(abs(gap) - 0.5)) < 2.0 / 120  # an ellipse has two lowest contacts
 
@@ -94,7 +94,7 @@ def test_rings_stay_closed_and_stable():
     history = rolled(10.0, 0.6, until=5.0)
     ends = [history.structure.positions(history.state(i))[-1] for i in range(len(history))]
     np.testing.assert_allclose(ends, 0, atol=1e-10)
-    assert np.all(history.eigenvalue > 0)
+    assert np.all(history.smallest_eigenvalue > 0)
     # A round ring rolls at once to the stable contact when it is released, then without jumps.
     assert np.all(np.abs(np.diff(history.contact[history.times > 0.05])) < 0.01)
 

@@ -92,7 +92,7 @@ def test_smallest_eigenvalue_is_that_of_the_dense_problem():
     values = eigh(basis.T @ hessian @ basis, basis.T @ mass @ basis, eigvals_only=True)
     assert abs(state.smallest_eigenvalue() / values[0] - 1) <= 1e-9
     history = strip.under(ls.beams.ParallelLight(0.0)).run(until=0.1, step=0.1)
-    np.testing.assert_allclose(history.eigenvalue, values[0], rtol=1e-9)
+    np.testing.assert_allclose(history.smallest_eigenvalue, values[0], rtol=1e-9)
 
 
 def test_smallest_eigenvalue_converges_to_that_of_the_continuum():

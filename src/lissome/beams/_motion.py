@@ -99,7 +99,7 @@ class ElasticaSnap:
         The natural curvature, frozen.
     mode : ndarray, shape (n,)
         Critical mode of the unknown angles, of unit L2 norm.
-    eigenvalue : float
+    smallest_eigenvalue : float
         Smallest eigenvalue of the second variation just before.
     energy_released : float
         Bending energy before, minus after.
@@ -129,7 +129,7 @@ class ElasticaSnap:
     after: ElasticaState = field(repr=False)
     curvature: Array = field(repr=False)
     mode: Array = field(repr=False)
-    eigenvalue: float
+    smallest_eigenvalue: float
     energy_released: float
     row: int = -1
 
@@ -366,7 +366,7 @@ class Runner:
 
 
 def _python_look(structure: Elastica, light: UserLight) -> Callable[..., None]:
-    s = structure.spring_positions
+    s = structure.spring_arclength
     face = structure.face(light.side)
 
     def look(
@@ -392,7 +392,7 @@ def structure_points(
 ) -> tuple[Array, Array, Array]:
     """Return position and angle of the tangent at the springs, in the laboratory."""
     nodes = structure._positions(angles)
-    if structure.spring_positions.size == nodes.shape[0] - 1:  # springs between nodes
+    if structure.spring_arclength.size == nodes.shape[0] - 1:  # springs between nodes
         points = 0.5 * (nodes[1:] + nodes[:-1])
     else:  # springs at the inner nodes (segment clamps)
         points = nodes[1:-1]
@@ -418,7 +418,7 @@ def flux_target(
     angles = np.array(angles)
     if isinstance(light, UserLight):
         x, y, theta = structure_points(structure, angles, clock)
-        flux = light.flux(x, y, theta, structure.spring_positions, time)
+        flux = light.flux(x, y, theta, structure.spring_arclength, time)
         return structure.rest_curvature + gain * flux
     space = _kernel.space_for(structure._chain, angles.size)
     space.nodes[_kernel.SINE] = np.sin(angles)
@@ -678,7 +678,7 @@ class ElasticaHistory:
         Angles of the tangent. For a ring they are those of a frame in which S = 0 points to the
         right: add ``rotation[:, None]`` for the laboratory.
     curvature : ndarray, shape (r, k - 1)
-        Natural curvature :math:`K_0` at ``structure.spring_positions``.
+        Natural curvature :math:`K_0` at ``structure.spring_arclength``.
     forces : ndarray, shape (r, 2)
         Multipliers of the end-to-end vector.
     energy : ndarray, shape (r,)
@@ -810,7 +810,7 @@ class ElasticaHistory:
         )
 
     @cached_property
-    def eigenvalue(self) -> Array:
+    def smallest_eigenvalue(self) -> Array:
         """Smallest eigenvalue of the second variation under the constraints, shape (r,).
 
         In the L2 metric of the angle, so that it does not depend on the mesh. Computed at first use.
@@ -836,13 +836,13 @@ class ElasticaHistory:
     @cached_property
     def deflection_descriptor(self) -> Array:
         r""":math:`\gamma = \int \sin(2\pi S)\, Y \, dS` of (3.31), shape (r,)."""
-        s = self.structure.node_positions
+        s = self.structure.arclength
         return np.asarray(np.trapezoid(np.sin(2 * math.pi * s) * self.y, s, axis=1))
 
     @cached_property
     def curvature_descriptor(self) -> Array:
         r""":math:`\beta = \int \sin(2\pi S)\, K_0 \, dS` of (3.31), shape (r,)."""
-        weights = np.sin(2 * math.pi * self.structure.spring_positions) / self.structure.segments
+        weights = np.sin(2 * math.pi * self.structure.spring_arclength) / self.structure.segments
         return self.curvature @ weights
 
     @cached_property
@@ -855,7 +855,7 @@ class ElasticaHistory:
         bend = a - 2 * b + c
         with np.errstate(divide="ignore", invalid="ignore"):
             shift = np.where(bend == 0, 0.0, 0.5 * (a - c) / bend)
-        s = self.structure.node_positions
+        s = self.structure.arclength
         return np.asarray(s[k] + shift * (s[1] - s[0]))
 
     def flux_target(self, row: int) -> Array:
@@ -970,7 +970,7 @@ class ElasticaHistory:
             "time": self.times,
             "kind": list(self.kinds),
             "energy": self.energy,
-            "smallest_eigenvalue": self.eigenvalue,
+            "smallest_eigenvalue": self.smallest_eigenvalue,
             "deflection_descriptor": self.deflection_descriptor,
             "curvature_descriptor": self.curvature_descriptor,
         }

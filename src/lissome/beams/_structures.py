@@ -139,7 +139,7 @@ class Elastica(BaseStructure):
         intensity. Positive: a lit face contracts (the strip bends toward the light).
     natural_curvature : float, array_like or callable
         Curvature :math:`K_r` without light and load: a number, a function of arc length S in (0, 1)
-        (called with an array), or one number per spring (shape of :attr:`spring_positions`).
+        (called with an array), or one number per spring (shape of :attr:`spring_arclength`).
     curvature : array_like, optional
         The present natural curvature :math:`K_0` of each spring; :math:`K_r` by default.
 
@@ -172,12 +172,12 @@ class Elastica(BaseStructure):
         return self.segments + 1
 
     @property
-    def angle_positions(self) -> Array:
+    def angle_arclength(self) -> Array:
         """Arc length of each angle, shape (k,)."""
         return np.arange(self.segments + 1) / self.segments
 
     @property
-    def spring_positions(self) -> Array:
+    def spring_arclength(self) -> Array:
         """Arc length of each spring, where natural curvature lives, shape (k - 1,)."""
         return (np.arange(self.segments) + 0.5) / self.segments
 
@@ -200,9 +200,9 @@ class Elastica(BaseStructure):
             object.__setattr__(self, "_curvature", getattr(self, "_natural_curvature"))  # noqa: B009
 
     def _per_spring(self, name: str, value: Any) -> Array:
-        count = self.spring_positions.size
+        count = self.spring_arclength.size
         if callable(value):
-            value = value(self.spring_positions)
+            value = value(self.spring_arclength)
             if np.ndim(value) == 0:
                 raise InvalidInput(
                     f"argument `{name}` is a function that returns a single number; it is called "
@@ -396,7 +396,7 @@ class Elastica(BaseStructure):
         return out
 
     @property
-    def node_positions(self) -> Array:
+    def arclength(self) -> Array:
         """Arc length of the nodes that :meth:`positions` returns, shape (nodes,), in units of the length."""
         return np.arange(self.segments + 1) / self.segments
 
@@ -526,14 +526,14 @@ class ClampedStrip(Elastica):
         return self.segments + 1 if self.clamp == "node" else self.segments
 
     @property
-    def angle_positions(self) -> Array:
+    def angle_arclength(self) -> Array:
         """Arc length of each angle."""
         if self.clamp == "node":
             return np.arange(self.segments + 1) / self.segments
         return (np.arange(self.segments) + 0.5) / self.segments
 
     @property
-    def spring_positions(self) -> Array:
+    def spring_arclength(self) -> Array:
         """Arc length of each spring."""
         if self.clamp == "node":
             return (np.arange(self.segments) + 0.5) / self.segments
@@ -548,7 +548,7 @@ class ClampedStrip(Elastica):
 
     def start(self) -> ElasticaState:
         """Return a guess of the buckled shape: the linear mode with the right shortening."""
-        s = self.angle_positions
+        s = self.angle_arclength
         if self.clamp == "segment":
             s = np.linspace(0.0, 1.0, s.size)
         turns = 2.0 - 0.5 * sum(kind == "hinged" for kind in self.ends)
@@ -671,7 +671,7 @@ class Ring(Elastica):
 
     def start(self) -> ElasticaState:
         """Return a circle."""
-        return ElasticaState(2.0 * math.pi * self.angle_positions)
+        return ElasticaState(2.0 * math.pi * self.angle_arclength)
 
     def _impose(self, angles: Array) -> Array:
         angles = angles - angles[0]

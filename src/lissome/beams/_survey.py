@@ -35,7 +35,7 @@ class Flapping:
         Time that was run.
     rate : float
         Largest rate of change of the natural curvature at the end: how close to rest.
-    eigenvalue : float
+    smallest_eigenvalue : float
         Smallest eigenvalue of the second variation at the end.
 
     Examples
@@ -62,7 +62,7 @@ class Flapping:
     snaps: int
     time: float
     rate: float
-    eigenvalue: float
+    smallest_eigenvalue: float
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class FirstSnap:
         Bracket of the snap.
     bifurcation_time : float
         Of an earlier loss of stability without a jump (loss of symmetry); NaN if there was none.
-    rate, eigenvalue : float
+    rate, smallest_eigenvalue : float
         At the end (before the snap); see :class:`Flapping`.
     energy_released : float
         By the snap; NaN without one.
@@ -105,7 +105,7 @@ class FirstSnap:
     uncertainty: float
     bifurcation_time: float
     rate: float
-    eigenvalue: float
+    smallest_eigenvalue: float
     energy_released: float
 
 
@@ -209,7 +209,7 @@ def flapping(
                     count,
                     runner.time,
                     runner.rate(),
-                    snap.eigenvalue,
+                    snap.smallest_eigenvalue,
                 )
         elif runner.rate() < rest:
             return Flapping(
@@ -289,7 +289,7 @@ def first_snap(
                     snap.uncertainty,
                     bifurcated,
                     rate,
-                    snap.eigenvalue,
+                    snap.smallest_eigenvalue,
                     snap.energy_released,
                 )
             if math.isnan(bifurcated):
