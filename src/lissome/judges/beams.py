@@ -266,7 +266,7 @@ def strip_window(claim: Claim, facts: Facts) -> list[Check]:
     if len(facts["intensities"]) < 3:
         raise InvalidInput("the fact 'intensities' needs at least three entries to show a trend")
     ends = [
-        f"{low:.1f}° to {high:.1f}° at Λ = {i:g}"
+        f"{low:.1f}°–{high:.1f}° at Λ = {i:g}"
         for i, low, high in zip(facts["intensities"], facts["lower"], facts["upper"], strict=True)
     ]
     return [

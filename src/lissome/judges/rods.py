@@ -37,7 +37,7 @@ DISTRIBUTED_LOAD = 7.837347438943484
 
 _BUCKLING = {
     "value": number("critical load extrapolated to infinitely many segments"),
-    "order": number("order of convergence with the good clamp"),
+    "order": number("order of convergence with the clamp at the node"),
 }
 
 
