@@ -462,7 +462,7 @@ def test_rest_beside_a_fold_is_reached_with_long_steps(step):
     strip, light = ClampedStrip(0.95, 100), ParallelLight(15.0, angle=math.radians(88.2324))
     found = beams.flapping(strip, light, step=step)
     assert found.flaps is False
-    assert found.snaps == 1
+    assert found.snaps_seen == 1
     assert 0 < found.smallest_eigenvalue < 0.2
     history = strip.under(light).run(40.0, step=step, record_every=None)
     assert history.rate < 1e-6
@@ -511,7 +511,7 @@ def test_the_least_period_is_reported(ratio, tolerance):
     found = [period_of(seen[:k], tolerance) for k in range(1, len(seen) + 1)]
     told = [f for f in found if f is not None]
     assert told
-    assert {f.snaps for f in told} == {2}
+    assert {f.snaps_per_cycle for f in told} == {2}
     np.testing.assert_allclose([f.value for f in told], 0.8, atol=tolerance)
 
 
@@ -521,5 +521,5 @@ def test_a_doubled_period_is_told_from_slow_convergence():
     curvatures = np.choose(n % 4, [0.2, 0.7, 0.2 + 2e-5, 0.7 - 3e-5]) + 1e-3 * 0.7**n
     found = period_of(jumps(curvatures, 0.4 * n), 1e-6)
     assert found is not None
-    assert found.snaps == 4
+    assert found.snaps_per_cycle == 4
     assert found.value == pytest.approx(1.6)

@@ -56,8 +56,8 @@ class Period(NamedTuple):
         In relaxation times.
     uncertainty : float
         Change over the last cycle, and bracket of the snaps. The error of the time step is not in it.
-    snaps : int
-        Snaps per cycle.
+    snaps_per_cycle : int
+        Number of snaps in it.
     distance : float
         Change of the natural curvature over the last cycle, relative to its largest value.
 
@@ -71,13 +71,13 @@ class Period(NamedTuple):
     >>> history = strip.under(ParallelLight(10.0, angle=np.pi / 4)).run(until=12.0)
     >>> period = history.find_period()
     >>> down, up = np.diff([snap.time for snap in history.snaps[-3:]])
-    >>> print(period.snaps, abs(down + up - period.value) < 1e-6, abs(down - up) > 0.1)
+    >>> print(period.snaps_per_cycle, abs(down + up - period.value) < 1e-6, abs(down - up) > 0.1)
     2 True True
     """
 
     value: float
     uncertainty: float
-    snaps: int
+    snaps_per_cycle: int
     distance: float
 
 

@@ -29,8 +29,8 @@ class Flapping:
         Of the period: its change over the last cycle (not the error of the time step).
     snaps_per_cycle : int
         0 at rest.
-    snaps : int
-        Snaps that were seen.
+    snaps_seen : int
+        Snaps until the end of the run.
     time : float
         Time that was run.
     rate : float
@@ -59,7 +59,7 @@ class Flapping:
     period: float
     uncertainty: float
     snaps_per_cycle: int
-    snaps: int
+    snaps_seen: int
     time: float
     rate: float
     smallest_eigenvalue: float
@@ -130,7 +130,7 @@ def flapping(
     scheme: str = "exponential-2",
     tolerance: float = 1e-6,
     rest: float = 1e-8,
-    snaps: int = 1000,
+    max_snaps: int = 1000,
 ) -> Flapping:
     """Find out whether a strip flaps under a steady light, and its frequency.
 
@@ -155,7 +155,7 @@ def flapping(
     rest : float
         At rest the natural curvature changes at a rate less than this. Near the ends of the window
         the motion passes slowly by a shape that is almost one of rest: the smaller, the surer.
-    snaps : int
+    max_snaps : int
         Limit of snaps.
 
     Returns
@@ -180,13 +180,13 @@ def flapping(
     until = positive("until", until)
     tolerance = positive("tolerance", tolerance)
     rest = positive("rest", rest)
-    snaps = integer_at_least("snaps", snaps, 1)
+    max_snaps = integer_at_least("max_snaps", max_snaps, 1)
     runner = _runner(strip, light, step, scheme)
     table = runner.empty_table()
     seen: list[ElasticaSnap] = []
     count = 0
     # Decay to rest takes log(1/rest) relaxation times at least: look about once in each.
-    while runner.time < until and count < snaps:
+    while runner.time < until and count < max_snaps:
         reason, _ = runner.advance(min(runner.time + 1.0, until), 0, table)
         if reason == _kernel.ENCLOSED:
             snap = runner.snap()
@@ -205,7 +205,7 @@ def flapping(
                     1.0 / found.value,
                     found.value,
                     found.uncertainty,
-                    found.snaps,
+                    found.snaps_per_cycle,
                     count,
                     runner.time,
                     runner.rate(),
