@@ -8,6 +8,7 @@ afar.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from .equilibrium import Equilibrium, Iteration, present, relative_residual
 from .errors import FactorizationError, InvalidInput, LissomeError
 from .factorization import Factorization, KKTMatrix
+from .sensitivities import residual_slope
 from .structure import Evaluation
 
 Array = NDArray[np.float64]
@@ -141,7 +143,7 @@ def correct(
         If the corrections do not contract, leave the domain, or meet a singular matrix.
     """
 
-    def newton(evaluation: Any, factors: Factorization) -> tuple[Array, Array, float]:
+    def newton(evaluation: Any, factors: Factorization, *place: Any) -> tuple[Array, Array, float]:
         if stable and not factors.is_minimum:
             raise CorrectionFailed("an iterate is not stable")
         dx, dm = factors.solve(-evaluation.gradient, -evaluation.constraints)
@@ -173,7 +175,7 @@ def correct_on_plane(
     state: Any,
     multipliers: Array,
     row: tuple[Array, float],
-    slope: tuple[Array, Array],
+    slope: tuple[Array, Array] | None,
     scale: float,
     *,
     tolerance: float = TOLERANCE,
@@ -191,7 +193,7 @@ def correct_on_plane(
         Covector of the direction: every correction satisfies ``row[0] @ dx + row[1] * dp == 0``.
     slope : (ndarray (n,), ndarray (m,))
         Derivatives of gradient and constraints with respect to the parameter. A good approximation
-        will do: it does not change the solution.
+        will do: it does not change the solution. If None, a difference at the guess.
     scale : float
         Typical size of the parameter.
     contraction : float
@@ -203,7 +205,12 @@ def correct_on_plane(
     parameter : float
     """
 
-    def newton(evaluation: Any, factors: Factorization) -> tuple[Array, Array, float]:
+    def newton(
+        evaluation: Any, factors: Factorization, parameter: float, state: Any, multipliers: Array
+    ) -> tuple[Array, Array, float]:
+        nonlocal slope
+        if slope is None:
+            slope = _slope_beside(family, evaluation, parameter, state, multipliers, scale)
         # Bordering: two solves with the same factors, and a scalar equation for the parameter.
         rhs_x = np.stack([-evaluation.gradient, -slope[0]], axis=1)
         rhs_c = np.stack([-evaluation.constraints, -slope[1]], axis=1)
@@ -218,6 +225,26 @@ def correct_on_plane(
         family, parameter, state, multipliers, newton, tolerance, polish, max_iterations, scale,
         contraction,
     )  # fmt: skip
+
+
+def _slope_beside(
+    family: Family, here: Evaluation, parameter: float, state: Any, multipliers: Array, scale: float
+) -> tuple[Array, Array]:
+    """Return the derivatives of gradient and constraints with respect to the parameter.
+
+    By one evaluation beside the one that is known; where the family ends there, by two.
+    """
+    place = parameter + math.sqrt(EPS) * max(scale, 1e-3 * abs(parameter))
+    try:
+        structure = family(place)
+    except InvalidInput:
+        return residual_slope(family, parameter, state, multipliers, scale)
+    beside = structure.evaluate(structure.adopt(state), multipliers, 1)
+    step = place - parameter
+    return (
+        (beside.gradient - here.gradient) / step,
+        (beside.constraints - here.constraints) / step,
+    )
 
 
 def member(family: Family, parameter: float) -> Any:
@@ -235,7 +262,7 @@ def _iterate(
     parameter: float,
     state: Any,
     multipliers: Array,
-    newton: Callable[[Any, Factorization], tuple[Array, Array, float]],
+    newton: Callable[..., tuple[Array, Array, float]],
     tolerance: float,
     polish: bool,
     max_iterations: int,
@@ -247,6 +274,7 @@ def _iterate(
     noise = float(structure.noise(state))
     history: list[Iteration] = []
     previous = np.inf
+    balanced_before: tuple[Balanced, float] | None = None
     for number in range(max_iterations + 1):
         evaluation, factors = _evaluate(structure, state, multipliers)
         terms = evaluation.kkt.magnitude(size, multipliers)
@@ -258,7 +286,7 @@ def _iterate(
             correction = 0.0  # balanced to rounding; Newton's correction has no meaning here
             done, improvable = True, False
         else:
-            dx, dm, dp = newton(evaluation, factors)
+            dx, dm, dp = newton(evaluation, factors, parameter, state, multipliers)
             correction = max(float(np.max(np.abs(dx) / size)), abs(dp) / scale)
             if not np.isfinite(correction):
                 raise CorrectionFailed("a correction is not finite")
@@ -294,6 +322,7 @@ def _iterate(
                     dm,
                     dp,
                     residual,
+                    noise,
                     evaluation.kkt,
                 )
                 if last is not None:
@@ -304,12 +333,21 @@ def _iterate(
             )
             return balanced, parameter
         if not contracts:
+            if balanced_before is not None:
+                return balanced_before
             raise CorrectionFailed(
                 f"corrections do not contract: {correction:.3g} after {previous:.3g}"
             )
         if structure.max_step(state, dx) < 1.0:
             raise CorrectionFailed("a correction would leave the domain of the energy")
         previous = correction
+        if polish and residual <= noise:
+            # Next to a critical state rounding errors ask for corrections that make nothing better.
+            accepted = (*history[:-1], replace(history[-1], step=0.0, kind="accepted"))
+            balanced_before = (
+                Balanced(structure, state, multipliers, evaluation, residual, factors, accepted),
+                parameter,
+            )
         if dp != 0.0:
             parameter += dp
             structure = member(family, parameter)
@@ -329,11 +367,12 @@ def _with_last_correction(
     dm: Array,
     dp: float,
     residual: float,
+    noise: float,
     kkt: KKTMatrix,
 ) -> tuple[Any, Any, Array, float, float, float] | None:
     """Return the iterate after a correction so small that the matrix need not be made anew.
 
-    None if it would not be better balanced, because rounding errors are all that is left.
+    None if it would be less balanced, by more than rounding errors.
     """
     if np.any(dx) and structure.max_step(state, dx) < 1.0:
         return None
@@ -348,7 +387,7 @@ def _with_last_correction(
         return None
     terms = kkt.magnitude(typical_size(structure, state), multipliers)
     left = relative_residual(evaluation.gradient, evaluation.constraints, terms)
-    if not left < residual:
+    if not left <= max(residual, noise):
         return None
     return structure, state, multipliers, parameter, evaluation.energy, left
 

@@ -53,6 +53,10 @@ _WANTED_DEVIATION = 0.08
 # Tangents at the ends of a step must agree to this cosine.
 _LARGEST_TURN = math.cos(math.radians(40.0))
 _SHORTEST_STEP = 1e-9
+# Length of brackets of events from which on states need not be good to rounding.
+_COARSE = 1e-5
+# Number of halvings of a bracket from which on interpolation is worth its eigenvalues.
+_FEW = 8
 # Factors that are no simple fractions keep halved steps off symmetric parameter values.
 _SHORTER = 0.4713
 
@@ -62,6 +66,25 @@ class Tangent:
     dx: Array
     dm: Array
     dp: float
+
+
+@dataclass(frozen=True)
+class Bend:
+    """How a branch goes on from its tangent: coefficients of second and third power.
+
+    Of the cubic with places and tangents of the last two states, over the projection on the last
+    tangent.
+    """
+
+    two: Tangent
+    three: Tangent
+
+    def at(self, sigma: float) -> Tangent:
+        """Return the distance from the tangent."""
+        a, b, two, three = self.two, self.three, sigma**2, sigma**3
+        return Tangent(
+            two * a.dx + three * b.dx, two * a.dm + three * b.dm, two * a.dp + three * b.dp
+        )
 
 
 @dataclass(frozen=True)
@@ -84,6 +107,7 @@ class Point:
 class Crossing:
     left: Point
     right: Point
+    values: tuple[float, float] = (math.nan, math.nan)  # of the critical eigenvalue at both
     exact: Point | None = None  # a point where rounding hides the sign of the pivot
     fold: bool = False
 
@@ -97,6 +121,16 @@ class End:
     sigma: float
     point: Point
     reason: str  # "stop", "bound", "closed"
+
+
+def _zero_of_quadratic(constant: float, linear: float, square: float) -> float:
+    """Return the zero in (0, 1) of a polynomial that has different signs at 0 and 1."""
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        value = constant + middle * (linear + middle * square)
+        low, high = (middle, high) if value * constant > 0.0 else (low, middle)
+    return 0.5 * (low + high)
 
 
 class TooLong(Exception):
@@ -134,6 +168,7 @@ class Follower:
         self.parameter = settings.start
         self.lowest: Array | None = None  # lowest modes of the last row, to start the next from
         self.known: tuple[Balanced, float, bool] | None = None  # eigenvalue of an end of a step
+        self.bend: Bend | None = None  # where no step leads to the anchor
         self.anchor: Balanced
         self.tangent: Tangent
 
@@ -201,7 +236,11 @@ class Follower:
             self._metric(self.anchor) * self.tangent.dx / s.scale**2,
             self.tangent.dp / s.range**2,
         )
-        slope = residual_slope(self.family, parameter, state, multipliers, s.range, self.derivative)
+        slope = None
+        if self.derivative is not None:
+            slope = residual_slope(
+                self.family, parameter, state, multipliers, s.range, self.derivative
+            )
         balanced, parameter = correct_on_plane(
             self.family, parameter, state, multipliers, row, slope, s.range,
             tolerance=s.tolerance, polish=polish, contraction=contraction,
@@ -371,7 +410,9 @@ class Follower:
             if last.reason != "stop":
                 self._end_event(last, metric)
             self.finished = True
+        old, before, behind = self.anchor, self.parameter, self.tangent
         self.anchor, self.parameter, self.tangent = final.balanced, final.parameter, tangent
+        self.bend = self._bend_behind(old, before, behind)
 
     def _within(
         self, end: Point, tangent: Tangent
@@ -385,11 +426,11 @@ class Follower:
             self.parameter, 0.0, self.anchor, np.zeros_like(end.dx), np.zeros_like(end.dm), 0.0
         )
         crossings: list[Crossing] = []
-        if not end.balanced.marginal:
+        if not self._hides_index(end):
             self._refuse_hidden_changes(end)
             crossings = self._classified(end, self._located(start, end, end), turned)
         if turned and not crossings:
-            crossings = [Crossing(start, end, fold=True)]
+            crossings = [self._vertex(start, end, tangent)]
         pieces: list[tuple[Point | None, Point]] = []
         begin: Point | None = None
         for crossing in crossings:
@@ -426,12 +467,15 @@ class Follower:
                     if (value - self.parameter) * (target - value) > 0:
                         target = value
                 ds = (target - self.parameter) / t.dp
+            dx, dm, dp = self._predicted(ds)
             try:
                 if natural:
-                    point = self._correct_at(target, ds * t.dx, ds * t.dm)
+                    # Along the tangent to where the parameter is right.
+                    missing = (target - self.parameter - dp) / t.dp
+                    point = self._correct_at(target, dx + missing * t.dx, dm + missing * t.dm)
                 else:
-                    point = self._correct_across(target, ds * t.dx, ds * t.dm)
-                if point.balanced.marginal:
+                    point = self._correct_across(self.parameter + dp, dx, dm)
+                if self._hides_index(point):
                     if natural and any(target == value for value, _ in self._ends()):
                         return point, t  # an end of the interval is critical itself
                     raise CorrectionFailed("the state is critical to working precision")
@@ -453,12 +497,43 @@ class Follower:
         self.ds = ds * max(0.4, growth) if ds >= 0.999 * self.ds or growth < 1 else self.ds
         return point, tangent
 
+    def _predicted(self, ds: float) -> tuple[Array, Array, float]:
+        """Return the increments from the anchor at which a step of projection `ds` is looked for."""
+        t = self.tangent
+        dx, dm, dp = ds * t.dx, ds * t.dm, ds * t.dp
+        if self.bend is not None:
+            off = self.bend.at(ds)
+            if self._norm(self._metric(self.anchor), off.dx, off.dp) <= _LARGEST_DEVIATION * ds:
+                return dx + off.dx, dm + off.dm, dp + off.dp
+        return dx, dm, dp
+
+    def _bend_behind(self, old: Balanced, parameter: float, tangent: Tangent) -> Bend | None:
+        """Return how the branch bends at the anchor, by the step that led to it from `old`."""
+        structure = self.anchor.structure
+        dx = structure.difference(self.anchor.state, structure.adopt(old.state))
+        dm = old.multipliers - self.anchor.multipliers
+        dp = parameter - self.parameter
+        t, metric = self.tangent, self._metric(self.anchor)
+        sigma = self._inner(metric, dx, dp, t.dx, t.dp)
+        rate = self._inner(metric, tangent.dx, tangent.dp, t.dx, t.dp)
+        if not (sigma < 0.0 and rate > 0.5):
+            return None
+
+        def powers(gap: Any, here: Any, before: Any) -> tuple[Any, Any]:
+            chord = (gap - sigma * here) / sigma**2
+            turn = (before / rate - here) / sigma
+            return 3.0 * chord - turn, (turn - 2.0 * chord) / sigma
+
+        parts = (
+            powers(dx, t.dx, tangent.dx), powers(dm, t.dm, tangent.dm), powers(dp, t.dp, tangent.dp)
+        )  # fmt: skip
+        two, three = (Tangent(*(part[k] for part in parts)) for k in (0, 1))
+        return Bend(two, three)
+
     def _refuse_hidden_turns(self, point: Point, tangent: Tangent) -> None:
         """Raise if the parameter seems to turn, and turn back, within a step."""
         if tangent.dp * self.tangent.dp < 0:
-            if point.index == self.anchor.index:
-                raise CorrectionFailed("the parameter turns without a change of the index")
-            return
+            return  # looked for in `_within`
         if point.dp * self.tangent.dp <= 0:
             raise CorrectionFailed("the parameter turns twice")
         # Slope of the cubic that fits values and slopes at both ends, over the mean slope.
@@ -606,16 +681,32 @@ class Follower:
 
     # -- events -----------------------------------------------------------------------------------
 
-    def _on_step(self, end: Point, sigma: float) -> Point:
-        """Return the state of the branch at projection `sigma` of the step."""
+    def _on_step(
+        self, end: Point, sigma: float, left: Point | None = None, right: Point | None = None
+    ) -> Point:
+        """Return the state of the branch at projection `sigma` of the step.
+
+        Two known states `left` and `right` of it around that place make the guess better.
+        """
         reason: Exception | None = None
+        # Rounding errors of a state hide its index only where it is nearer to a critical one than
+        # brackets are short.
+        polish = self.settings.event_tolerance < _COARSE
         # A neighboring place will do when the corrector stumbles over a critical state.
         for nudge in (0.0, 1e-3, -1e-3, 1e-2, -1e-2):
             place = sigma * (1 + nudge)
             if not 0 < place < end.sigma:
                 continue
+            parameter, dx, dm = self._interpolated(end, place)
+            if left is not None and right is not None:
+                for known, other in ((left, right), (right, left)):
+                    weight = (place - other.sigma) / (known.sigma - other.sigma)
+                    there = self._interpolated(end, known.sigma)
+                    parameter += weight * (known.parameter - there[0])
+                    dx += weight * (known.dx - there[1])
+                    dm += weight * (known.dm - there[2])
             try:
-                return self._correct_across(*self._interpolated(end, place), polish=True)
+                return self._correct_across(parameter, dx, dm, polish=polish)
             except (CorrectionFailed, FactorizationError) as error:
                 reason = error
         raise TooLong(
@@ -628,7 +719,9 @@ class Follower:
         if left.index == right.index:
             return []
         shortest = self.settings.event_tolerance
-        single = abs(left.index - right.index) == 1
+        # Where a few halvings will do, eigenvalues to interpolate between cost more than they spare.
+        halvings = math.log2(max((right.sigma - left.sigma) / shortest, 1.0))
+        single = abs(left.index - right.index) == 1 and halvings > _FEW
         values = (math.nan, math.nan)
         if single:
             values = (self._test(left), self._test(right))
@@ -636,7 +729,7 @@ class Follower:
         for _ in range(200):
             width = right.sigma - left.sigma
             if width <= shortest:
-                return [Crossing(left, right)]
+                return [Crossing(left, right, values)]
             root = left.sigma + 0.5 * width
             slow = len(widths) > 3 and width > 0.3 * widths[-3]
             widths.append(width)
@@ -649,7 +742,7 @@ class Follower:
                 root += aside if right.sigma - root > root - left.sigma else -aside
                 inside = min(0.4 * shortest, 0.5 * width)
                 root = min(max(root, left.sigma + inside), right.sigma - inside)
-            middle = self._on_step(end, root)
+            middle = self._on_step(end, root, left, right)
             if middle.balanced.marginal:
                 return [Crossing(left, right, exact=middle)]
             if not left.sigma < middle.sigma < right.sigma:
@@ -657,7 +750,7 @@ class Follower:
                     raise TooLong(
                         f"states near parameter {middle.parameter:.10g} do not follow one another"
                     )
-                return [Crossing(left, right)]  # rounding: the bracket cannot be divided further
+                return [Crossing(left, right, values)]  # rounding: it cannot be divided further
             if middle.index == left.index:
                 left = middle
                 values = (self._test(left) if single else math.nan, values[1])
@@ -666,7 +759,47 @@ class Follower:
                 values = (values[0], self._test(right) if single else math.nan)
             else:
                 return self._located(left, middle, end) + self._located(middle, right, end)
-        return [Crossing(left, right)]
+        return [Crossing(left, right, values)]
+
+    def _vertex(self, start: Point, end: Point, tangent: Tangent) -> Crossing:
+        """Return the place where the parameter turns although the index does not change.
+
+        So a branch looks that crosses another one at a pitchfork, on the way from one half to its
+        mirror image. A fold and another change of the index would be seen between the states that are
+        returned on both sides of it.
+        """
+        length = end.sigma
+        narrow = 0.5 * min(math.sqrt(self.settings.event_tolerance), length)
+        if length <= 2.0 * narrow:
+            return Crossing(start, end, fold=True)
+        rate = self._inner(
+            self._metric(self.anchor), tangent.dx, tangent.dp, self.tangent.dx, self.tangent.dp
+        )
+        # The parameter on the cubic with the tangents at both ends: zero of its derivative.
+        first, last, mean = self.tangent.dp, tangent.dp / rate, end.dp / length
+        place = _zero_of_quadratic(
+            first, 6.0 * mean - 4.0 * first - 2.0 * last, 3.0 * (first + last - 2.0 * mean)
+        )
+        at, half = length * place, 0.1 * length
+        left, right = start, end
+        for _ in range(8):
+            half = max(half, narrow)
+            low, high = at - half, at + half
+            if low > left.sigma:
+                left = self._on_step(end, low, left, right)
+            if high < right.sigma:
+                right = self._on_step(end, high, left, right)
+            if left.index != start.index or right.index != start.index:
+                raise TooLong("the parameter turns where the index changes twice")
+            width = right.sigma - left.sigma
+            if width <= 2.1 * narrow:
+                return Crossing(left, right, fold=True)
+            # The parabola through both places, with the curvature of the branch.
+            bend = (last - first) / length
+            at = 0.5 * (left.sigma + right.sigma) - (right.dp - left.dp) / (width * bend)
+            at = min(max(at, left.sigma + 0.1 * width), right.sigma - 0.1 * width)
+            half = 0.05 * width
+        raise TooLong(f"no turn of the parameter was found near {left.parameter:.10g}")
 
     def _test(self, point: Point) -> float:
         """Return the eigenvalue of smallest size: it goes through zero at an event."""
@@ -674,6 +807,17 @@ class Follower:
             return float(critical_modes(point.balanced, 1, iterations=6)[0][0])
         except FactorizationError:
             return math.nan
+
+    def _hides_index(self, point: Point) -> bool:
+        """Return whether rounding errors hide the index of the end of a step."""
+        balanced = point.balanced
+        if balanced.marginal or point.index == self.anchor.index:
+            return balanced.marginal
+        try:
+            values, modes = critical_modes(balanced, 1, iterations=6)
+        except FactorizationError:
+            return True
+        return bool(abs(values[0]) <= self._floor(balanced, modes[0]))
 
     def _classified(self, end: Point, crossings: list[Crossing], turned: bool) -> list[Crossing]:
         """Tell folds from bifurcations: only at a fold does the parameter turn."""
@@ -728,7 +872,7 @@ class Follower:
         kind = "fold" if crossing.fold else "bifurcation"
         bracket = max(bracket, 4 * np.finfo(float).eps * max(abs(parameter), s.range))
         bracket += stable_side.balanced.correction * s.range
-        bracket += self._hidden(left, right, stable_side, modes[0])
+        bracket += self._hidden(crossing, stable_side, modes[0])
         row = self._emit("event", stable_side.balanced, stable_side.parameter, where)
         event = Event(
             kind=kind, parameter=float(parameter), uncertainty=float(bracket), arclength=where,
@@ -748,16 +892,22 @@ class Follower:
             return True
         return False
 
-    def _hidden(self, left: Point, right: Point, near: Point, mode: Array) -> float:
+    def _hidden(self, crossing: Crossing, near: Point, mode: Array) -> float:
         """Return the range of the parameter in which rounding hides the sign of the eigenvalue."""
-        balanced = near.balanced
+        floor = self._floor(near.balanced, mode)
+        values = crossing.values
+        if not np.all(np.isfinite(values)):
+            values = (self._test(crossing.left), self._test(crossing.right))
+        change = abs(values[1] - values[0])
+        run = abs(crossing.right.parameter - crossing.left.parameter)
+        return 0.0 if not change > 0 else min(floor / change, 1e3) * run
+
+    def _floor(self, balanced: Balanced, mode: Array) -> float:
+        """Return the rounding error of the eigenvalue of a mode."""
         kkt = balanced.evaluation.kkt
         assert kkt is not None
         terms, _ = kkt.magnitude(mode, np.zeros_like(balanced.multipliers))
-        floor = float(balanced.structure.noise(balanced.state)) * float(np.abs(mode) @ terms)
-        change = abs(self._test(right) - self._test(left))
-        run = abs(right.parameter - left.parameter)
-        return 0.0 if not change > 0 else min(floor / change, 1e3) * run
+        return float(balanced.structure.noise(balanced.state)) * float(np.abs(mode) @ terms)
 
     def _arrive(self, point: Point, direction: tuple[Array, Array, float], where: float) -> None:
         self.anchor, self.parameter = point.balanced, point.parameter
@@ -815,7 +965,7 @@ class Follower:
                 detail=f"snap after a {event.kind}, with the parameter frozen at {frozen:.10g}",
             )
         )
-        self.anchor, self.parameter = as_balanced(after), frozen
+        self.anchor, self.parameter, self.bend = as_balanced(after), frozen, None
         self.ds = s.step / s.range
         zero = np.zeros_like(left.dx)
         self.tangent = self._tangent_at(self.anchor, frozen, (zero, sense))
@@ -883,6 +1033,10 @@ class Follower:
             "parameter": self.parameter, "dp": self.tangent.dp, "ends_at_stop": self.ends_at_stop,
         }  # fmt: skip
         arrays |= {"cursor.dx": self.tangent.dx, "cursor.dm": self.tangent.dm}
+        for name in ("two", "three") if self.bend is not None else ():
+            power = getattr(self.bend, name)
+            meta["cursor"][name] = power.dp
+            arrays |= {f"cursor.{name}.dx": power.dx, f"cursor.{name}.dm": power.dm}
         arrays |= _archive.pack_values("cursor.state", [self.anchor.state])
         arrays["cursor.multipliers"] = self.anchor.multipliers
         _archive.write(self.checkpoint, meta, arrays)
@@ -923,4 +1077,12 @@ class Follower:
             if not self.finished:
                 raise not_of_family(path, self.parameter) from error
         self.tangent = Tangent(arrays["cursor.dx"], arrays["cursor.dm"], float(cursor["dp"]))
+        if "two" in cursor:
+            two, three = (
+                Tangent(
+                    arrays[f"cursor.{name}.dx"], arrays[f"cursor.{name}.dm"], float(cursor[name])
+                )
+                for name in ("two", "three")
+            )
+            self.bend = Bend(two, three)
         return True

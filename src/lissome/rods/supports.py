@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -103,7 +104,15 @@ def as_frame(value: Any) -> Array:
             f"argument `frame` has shape {shape}; pass a scipy Rotation, the directors as the rows of "
             "a (3, 3) matrix, or a quaternion (4,), scalar first"
         )
-    return from_directors(finite_array("frame", value, (3, 3)))
+    return _from_rows(*finite_array("frame", value, (3, 3)).ravel().tolist())
+
+
+@lru_cache(maxsize=64)
+def _from_rows(*entries: float) -> Array:
+    """Return the quaternion of a matrix of directors: a clamp that moves often keeps its frame."""
+    q = from_directors(np.array(entries).reshape(3, 3))
+    q.flags.writeable = False
+    return q
 
 
 def as_direction(name: str, value: Any) -> Array:
