@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from .._readonly import readonly_property
 from .._validate import finite, finite_array, integer_at_least, one_of, positive
 from ..errors import InvalidInput, NotConverged
 from ..reactions import Reactions
@@ -762,12 +763,12 @@ class ElasticaHistory:
         return self.times.size
 
     # -- shapes -------------------------------------------------------------------------------
-    @cached_property
+    @readonly_property
     def rotation(self) -> Array:
         """Angle by which a ring is turned in the laboratory (0 for strips), unwrapped, shape (r,)."""
         return np.unwrap(np.arctan2(self.pose[:, 1], self.pose[:, 0]))
 
-    @cached_property
+    @readonly_property
     def positions(self) -> Array:
         """Positions of the nodes in the laboratory, shape (r, nodes, 2)."""
         body = self.structure._positions(self.angles)
@@ -809,7 +810,7 @@ class ElasticaHistory:
             self.angles[row], self.curvature[row], self.forces[row]
         )
 
-    @cached_property
+    @readonly_property
     def smallest_eigenvalue(self) -> Array:
         """Smallest eigenvalue of the second variation under the constraints, shape (r,).
 
@@ -833,19 +834,19 @@ class ElasticaHistory:
         return out
 
     # -- descriptors --------------------------------------------------------------------------
-    @cached_property
+    @readonly_property
     def deflection_descriptor(self) -> Array:
         r""":math:`\gamma = \int \sin(2\pi S)\, Y \, dS` of (3.31), shape (r,)."""
         s = self.structure.arclength
         return np.asarray(np.trapezoid(np.sin(2 * math.pi * s) * self.y, s, axis=1))
 
-    @cached_property
+    @readonly_property
     def curvature_descriptor(self) -> Array:
         r""":math:`\beta = \int \sin(2\pi S)\, K_0 \, dS` of (3.31), shape (r,)."""
         weights = np.sin(2 * math.pi * self.structure.spring_arclength) / self.structure.segments
         return self.curvature @ weights
 
-    @cached_property
+    @readonly_property
     def crest(self) -> Array:
         """Arc length of the point that is farthest from the chord (its highest or lowest), shape (r,)."""
         y = self.y
@@ -911,7 +912,7 @@ class ElasticaHistory:
         return self.rate < 1e-6
 
     # -- rolling ------------------------------------------------------------------------------
-    @cached_property
+    @readonly_property
     def distance(self) -> Array:
         """Distance that a ring has rolled, shape (r,)."""
         return self.contact - self.contact[0]

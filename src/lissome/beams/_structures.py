@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 from scipy.special import j0
 
+from .._readonly import readonly_property
 from .._tridiagonal import DIAGONAL, GRADIENT, OFF_DIAGONAL
 from .._validate import (
     finite,
@@ -98,7 +99,7 @@ class ElasticaEquilibrium(Equilibrium):
         """Angles of the tangent, shape (k,)."""
         return self.state.angles
 
-    @cached_property
+    @readonly_property
     def positions(self) -> Array:
         """Positions of the nodes, shape (nodes, 2)."""
         return self.structure.positions(self.state)

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from skfem.helpers import dot, grad
 
+from .._readonly import readonly_property
 from .._units import is_quantity, magnitude
 from .._validate import finite, finite_array, integer_at_least, nonnegative
 from ..errors import InvalidInput, NotConverged
@@ -383,7 +384,7 @@ class Conduction:
         capacity = math.fsum(layer.thickness * layer.heat_capacity for layer in layers)
         return capacity * math.fsum(layer.thickness / layer.conductivity for layer in layers)
 
-    @cached_property
+    @readonly_property
     def nodes(self) -> Array:
         """Heights of the nodes, increasing, shape (2 n + 1,): ends and middles of n elements."""
         spread = 0.5 - 0.5 * np.cos(np.pi * np.arange(self.elements + 1) / self.elements)

@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._readonly import readonly_property
 from .._units import magnitude
 from .._validate import finite, integer_at_least, positive
 from ..errors import InvalidInput, NotConverged
@@ -386,7 +386,7 @@ class Laminate:
         """Return the laminate upside down."""
         return Laminate([layer.flipped() for layer in reversed(self.layers)])
 
-    @cached_property
+    @readonly_property
     def interfaces(self) -> Array:
         """Heights of the faces and interfaces from the middle, shape (layers + 1,), increasing."""
         heights = np.concatenate([[0.0], np.cumsum([layer.thickness for layer in self.layers])])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._readonly import readonly, readonly_property
 from .._validate import finite, integer_at_least, one_of
 from ..errors import InvalidInput, NotConverged
 from ..rods import RodEquilibrium
@@ -67,12 +68,12 @@ class RibbonEquilibrium(RodEquilibrium):
     @property
     def ruling(self) -> Array:
         """Ruling parameters of the hinges: tangents of the angles between rulings and d1, shape (n,)."""
-        return self._at_hinges[0]
+        return readonly(self._at_hinges[0])
 
     @property
     def ruling_slope(self) -> Array:
         """Derivatives of the ruling parameter (1/length) at the hinges, shape (n,)."""
-        return self._at_hinges[1]
+        return readonly(self._at_hinges[1])
 
     @cached_property
     def _law_values(self) -> tuple[Array, Array]:
@@ -99,15 +100,20 @@ class RibbonEquilibrium(RodEquilibrium):
     @property
     def energy_per_length(self) -> Array:
         """Bending energy of the hinges per length of the center line, shape (n,)."""
-        return self._law_values[0]
+        return readonly(self._law_values[0])
 
-    @cached_property
+    @readonly_property
     def forces(self) -> Array:
         """Internal force on each segment, shape (N, 3)."""
         from ..rods._layout import internal_forces
 
         rod = self.structure.rod
         return internal_forces(rod, self.multipliers[: rod.constraints_count])
+
+    @property
+    def bending_energy(self) -> float:
+        """Energy of bending, of all hinges."""
+        return float(self.structure.layout.plan.span @ self._law_values[0])
 
     @property
     def stretching_energy(self) -> float:
@@ -258,7 +264,7 @@ class RibbonEquilibrium(RodEquilibrium):
             table[0] = table[0] * flip
         return table
 
-    @cached_property
+    @readonly_property
     def ruling_at_nodes(self) -> Array:
         """Ruling parameters of the nodes, shape (N + 1,); at a free end that of the next node."""
         table = self._at_nodes(self.ruling)

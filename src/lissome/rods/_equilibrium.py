@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from .._readonly import readonly, readonly_property
 from .._validate import one_of
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning
@@ -77,7 +78,7 @@ class RodEquilibrium(Equilibrium):
     structure: Rod
     state: RodState
 
-    @cached_property
+    @readonly_property
     def positions(self) -> Array:
         """Positions of the nodes, shape (N + 1, 3)."""
         return self.structure.positions(self.state)
@@ -87,7 +88,7 @@ class RodEquilibrium(Equilibrium):
         """Frames of the segments."""
         return Rotation.from_quat(self.state.quaternions[:, [1, 2, 3, 0]])
 
-    @cached_property
+    @readonly_property
     def directors(self) -> Array:
         """Directors of the segments, shape (N, 3, 3): segment, director, component."""
         return to_directors(self.state.quaternions)
@@ -100,19 +101,19 @@ class RodEquilibrium(Equilibrium):
     @property
     def hinge_arclength(self) -> Array:
         """Rest arc lengths of the hinges, shape (n,)."""
-        return self.structure.layout.arclength
+        return readonly(self.structure.layout.arclength)
 
     @property
     def hinge_nodes(self) -> NDArray[np.int64]:
         """Nodes of the hinges, shape (n,); a clamped node inside a rod has two hinges."""
-        return self.structure.layout.nodes
+        return readonly(self.structure.layout.nodes)
 
     @property
     def hinge_lengths(self) -> Array:
         """Rest lengths of the hinges, shape (n,)."""
-        return self.structure.layout.plan.span
+        return readonly(self.structure.layout.plan.span)
 
-    @cached_property
+    @readonly_property
     def strains(self) -> Array:
         """Strain densities of the hinges, shape (n, 3)."""
         return self.structure.strains(self.state)
@@ -136,9 +137,9 @@ class RodEquilibrium(Equilibrium):
     @property
     def moments(self) -> Array:
         """Stress of the law at the hinges, components along the directors, shape (n, 3)."""
-        return self._law_values[1]
+        return readonly(self._law_values[1])
 
-    @cached_property
+    @readonly_property
     def moment_vectors(self) -> Array:
         """Moment of what is beyond each hinge on what is before, in space, shape (n, 3)."""
         rod = self.structure
@@ -152,7 +153,7 @@ class RodEquilibrium(Equilibrium):
         body = q[:, :1] * stress + np.cross(q[:, 1:], stress)
         return rotate(frames[plan.left], body)
 
-    @cached_property
+    @readonly_property
     def forces(self) -> Array:
         """Internal force on each segment, shape (N, 3)."""
         from ._layout import internal_forces
