@@ -33,6 +33,17 @@ BAD = {
         '<div class="plotly-graph-div" id="p2"><canvas width="300" height="200"></canvas></div>',
         "figure is blank: p2",
     ),
+    "held": (
+        '<div class="plotly-graph-div" id="p3" style="height: 300px; background: linear-gradient('
+        '90deg, red, blue)" ontouchmove="event.preventDefault()"><canvas></canvas></div>'
+        '<p style="height: 2000px">below</p>',
+        "a finger cannot scroll past: p3",
+    ),
+    "stiff": ('<div class="plotly-graph-div" id="p4"></div>', "a finger cannot turn: p3"),
+    "low": (
+        '<div class="lissome-drawing"><button>thin</button></div>',
+        "controls lower than 40 px: ",
+    ),
     "picture": ('<img src="gone.png" alt="a loss">', "broken pictures: gone.png"),
     "mute": (f'<img src="{PIXEL}">', "no alternative text"),
     "script": ("<script>throw new Error('tripped')</script>", "the console says: tripped"),

@@ -4,8 +4,9 @@
 
 A page fails when an equation is not typeset, a figure is not drawn, a picture or an internal link
 is broken, a script raises or complains, anything is asked for that is not in the book, a cell shows
-an error, a picture has no text for those who cannot see it, the page is wider than a phone, or the
-page or the book is too heavy. Run it through `make check-pages`; it drives Chromium by Playwright.
+an error, a picture has no text for those who cannot see it, the page is wider than a phone, a
+finger cannot scroll past a 3-D figure or cannot turn it, or the page or the book is too heavy. Run
+it through `make check-pages`; it drives Chromium by Playwright.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ PAGE_LIMIT = 8e6  # bytes of HTML
 BOOK_LIMIT = 60e6  # bytes of everything
 PATIENCE = 10  # half seconds until a figure must have been drawn, or a page turned dark
 PHONE = {"width": 390, "height": 844}
+FINGER = 40  # pixels that a control must be high to be met
 DESK = {"width": 1280, "height": 900}
 OWN = ("file:", "data:", "blob:", "about:")
 #: Browsers at work side by side: equations are typeset on one core, and figures need waiting.
@@ -38,6 +40,8 @@ LIMIT_MS = 120_000
 REFERENCE = ("api/",)
 #: Pages that Sphinx makes of its own accord.
 LISTINGS = ("_modules/", "genindex", "py-modindex", "search")
+#: What the pages with a figure in space have in their text.
+PLOT = 'class="plotly-graph-div'
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = [
     "--no-sandbox",
@@ -106,6 +110,13 @@ WIDE = r"""
   return document.documentElement.scrollWidth + " px: " +
       last.slice(0, 3).map((e) => e.tagName.toLowerCase() + "." + e.className).join(", ");
 }
+"""
+
+
+#: Where a figure in space is looked at from.
+CAMERAS = """
+(plot) => JSON.stringify(Object.keys(plot._fullLayout || {}).filter((key) => /^scene/.test(key))
+    .map((key) => plot._fullLayout[key].camera))
 """
 
 
@@ -231,6 +242,61 @@ def _check_figures(tab, page: Page) -> None:
             page.blame("figure is blank", f"{name}, {count} colors")
 
 
+def _swipe(tab, x: float, y: float, by: float) -> None:
+    """Draw a finger over the glass, down by so many pixels and a little to the right."""
+    finger = tab.context.new_cdp_session(tab)
+
+    def touch(kind: str, *points: dict[str, float]) -> None:
+        finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": list(points)})
+        tab.wait_for_timeout(25)
+
+    touch("touchStart", {"x": x, "y": y})
+    for share in range(1, 9):
+        touch("touchMove", {"x": x + 3 * share, "y": y + by * share / 8})
+    touch("touchEnd")
+    tab.wait_for_timeout(500)
+    finger.detach()
+
+
+def _check_touch(browser, page: Page) -> None:
+    """Blame figures in space that hold a finger up, or do not turn once they are tapped."""
+    context = browser.new_context(viewport=PHONE, has_touch=True, is_mobile=True, offline=True)
+    context.set_default_timeout(LIMIT_MS)
+    try:
+        tab = context.new_page()
+        tab.goto(page.path.resolve().as_uri(), wait_until="load")
+        _settle(tab)
+        for figure in tab.query_selector_all(".plotly-graph-div"):
+            if not figure.is_visible():
+                continue
+            name = figure.get_attribute("id")
+            figure.evaluate("(plot) => plot.scrollIntoView({block: 'center'})")
+            tab.wait_for_timeout(300)
+            box = figure.bounding_box()
+            x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+            began, camera = tab.evaluate("scrollY"), figure.evaluate(CAMERAS)
+            _swipe(tab, x, y, -120)
+            moved = tab.evaluate("scrollY") - began
+            if moved < 60:
+                page.blame("a finger cannot scroll past", name)
+            if figure.evaluate(CAMERAS) != camera:
+                page.blame("turns under a finger that scrolls", name)
+            y -= moved
+            tab.touchscreen.tap(x, y)
+            tab.wait_for_timeout(300)
+            began = tab.evaluate("scrollY")
+            _swipe(tab, x, y, 40)
+            if figure.evaluate(CAMERAS) == camera or tab.evaluate("scrollY") != began:
+                page.blame("a finger cannot turn", name)
+            tab.touchscreen.tap(x, y)
+        controls = tab.query_selector_all(".lissome-drawing :is(button, input)")
+        boxes = [control.bounding_box() for control in controls if control.is_visible()]
+        low = [f"{box['height']:g} px" for box in boxes if box["height"] < FINGER]
+        page.blame(f"controls lower than {FINGER} px", low)
+    finally:
+        context.close()
+
+
 def _judge(tab, page: Page, theme: str) -> dict:
     """Blame what is wrong with the page that stands open; return what was seen."""
     seen = tab.evaluate(LOOK)
@@ -324,6 +390,8 @@ def _look_at(browser, page: Page, shots: Path | None) -> None:
     try:
         if _visit(browser, page, "light", shot) and not listing:
             _visit(browser, page, "dark", shot)
+        if PLOT in page.path.read_text(encoding="utf-8"):
+            _check_touch(browser, page)
     except Error as error:
         page.blame("the browser failed", str(error).splitlines()[0])
     page.problems = list(dict.fromkeys(page.problems))  # light and dark share most

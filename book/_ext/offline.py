@@ -42,7 +42,7 @@ def _without_live_kernels(app):
 
 def _plotly_where_needed(app, pagename, templatename, context, doctree):
     if PLOTLY_MARK in (context.get("body") or ""):
-        app.add_js_file("plotly.min.js")
+        app.add_js_file("plotly.min.js", loading_method="defer")
         app.env.lissome_needs_plotly = True
 
 

@@ -214,7 +214,7 @@ def test_interactive_figure_is_left_unchanged_and_twinned():
     drawing = plotting.show3d(fig, ALT)
     assert fig.to_json() == before
     assert "plotly-graph-div" in drawing.markup
-    assert '"displaylogo": false' in drawing.markup
+    assert '"displaylogo":false' in drawing.markup
     with Image.open(io.BytesIO(drawing.still)) as twin:
         grey = np.asarray(twin.convert("L"))
         assert (grey < 250).mean() > 0.02  # something is drawn

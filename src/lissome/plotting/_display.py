@@ -54,7 +54,7 @@ STYLE: Any = {
     "image.cmap": "viridis",
     "legend.frameon": False,
     "lines.linewidth": 1.6,
-    "mathtext.fontset": "cm",
+    "mathtext.fontset": "dejavusans",  # as large as the words beside it
     "savefig.facecolor": "none",
     "svg.fonttype": "path",
     "svg.hashsalt": "lissome",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import html
+import json
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from .._validate import positive
 from ..errors import InvalidInput
 from ._display import SHEET, Drawing, checked_alt, data_uri, figure, png, webp
 from ._palette import PALETTE, SERIES
+from ._scripts import SCRIPT, SPACE_SHEET
 
 __all__ = ["show3d", "static_twin"]
 
@@ -21,71 +23,37 @@ _CONFIG = {
     "modeBarButtonsToRemove": ["sendChartToCloud", "resetCameraLastSave3d", "hoverClosest3d"],
 }
 
-# What the mouse does can be done from the keyboard: turn, zoom, move the slider. The wheel zooms
-# with the control key only: nobody gets stuck in a figure on the way down a page.
-_KEYS = """
-(function () {
-  var plot = document.getElementById("{plot_id}"), turn = Math.PI / 24;
-  plot.tabIndex = 0;
-  plot.addEventListener("wheel", function (event) {  // the wheel scrolls the page, as everywhere
-    if (!event.ctrlKey) event.stopPropagation();
-  }, {capture: true, passive: true});
-  function look(move) {
-    var change = {};
-    Object.keys(plot._fullLayout).filter(function (key) {
-      return /^scene[0-9]*$/.test(key);
-    }).forEach(function (scene) {
-      var eye = plot._fullLayout[scene]._scene.getCamera().eye;
-      var far = Math.hypot(eye.x, eye.y, eye.z), round = Math.atan2(eye.y, eye.x) + move.round;
-      var high = Math.asin(eye.z / far) + move.high;
-      high = Math.max(-1.5, Math.min(1.5, high));
-      far = Math.max(0.2, Math.min(8, far * move.far));
-      change[scene + ".camera.eye"] = {x: far * Math.cos(high) * Math.cos(round),
-        y: far * Math.cos(high) * Math.sin(round), z: far * Math.sin(high)};
-    });
-    Plotly.relayout(plot, change);
-  }
-  function slide(by) {
-    var bar = plot._fullLayout.sliders && plot._fullLayout.sliders[0];
-    if (!bar) return;
-    var next = Math.max(0, Math.min(bar.steps.length - 1, bar.active + by));
-    Plotly[bar.steps[next].method].apply(null, [plot].concat(bar.steps[next].args));
-    Plotly.relayout(plot, {"sliders[0].active": next});
-  }
-  var moves = {ArrowLeft: [-turn, 0, 1], ArrowRight: [turn, 0, 1], ArrowUp: [0, turn, 1],
-    ArrowDown: [0, -turn, 1], "+": [0, 0, 0.9], "-": [0, 0, 1 / 0.9]};
-  plot.addEventListener("keydown", function (event) {
-    if (event.ctrlKey || event.altKey || event.metaKey) return;
-    var move = moves[event.key];
-    if (move) look({round: move[0], high: move[1], far: move[2]});
-    else if (event.key === "," || event.key === ".") slide(event.key === "." ? 1 : -1);
-    else return;
-    event.preventDefault();
-  });
-})();
-"""
 
-# Axes and text take the color of the page's own text, also after the reader switches the theme.
-_FOLLOW_THEME = """
-(function () {
-  var plot = document.getElementById("{plot_id}");
-  function paint() {
-    var ink = getComputedStyle(plot).color, change = {"font.color": ink};
-    Object.keys(plot._fullLayout || {}).filter(function (key) {
-      return /^scene[0-9]*$/.test(key);
-    }).forEach(function (scene) {
-      ["xaxis", "yaxis", "zaxis"].forEach(function (axis) {
-        change[scene + "." + axis + ".color"] = ink;
-        change[scene + "." + axis + ".gridcolor"] = "rgba(128,136,146,0.45)";
-      });
-    });
-    Plotly.relayout(plot, change);
-  }
-  new MutationObserver(paint).observe(document.documentElement,
-    {attributes: true, attributeFilter: ["data-theme"]});
-  paint();
-})();
-"""
+def _slider(layout: Any, name: str) -> tuple[str, list[dict[str, Any]]]:
+    """Take the slider out of a layout; return it as an input that fits a finger, and its steps."""
+    sliders, menus = layout.sliders or (), layout.updatemenus or ()
+    if menus or len(sliders) > 1:
+        raise InvalidInput(
+            f"argument `fig` has {len(sliders)} sliders and {len(menus)} menus; "
+            "a figure may have one slider and no menu"
+        )
+    if not sliders:
+        return "", []
+    slider = sliders[0]
+    steps = [
+        {"label": step.label, "method": step.method, "args": list(step.args or ())}
+        for step in slider.steps
+    ]
+    active = int(slider.active or 0)
+    if not 0 <= active < len(steps):
+        raise InvalidInput(
+            f"argument `fig` has a slider of {len(steps)} steps whose `active` is {active}; "
+            "it must be the number of a step"
+        )
+    prefix = html.escape(slider.currentvalue.prefix or "")
+    label = html.escape(steps[active]["label"])
+    layout.sliders = ()
+    markup = (
+        f'<div class="lissome-slide"><label for="{name}-slide">{prefix}</label>'
+        f'<input type="range" id="{name}-slide" min="0" max="{len(steps) - 1}" value="{active}" '
+        f'autocomplete="off" aria-valuetext="{label}"><output>{label}</output></div>'
+    )
+    return markup, steps
 
 
 def show3d(
@@ -93,18 +61,19 @@ def show3d(
 ) -> Drawing:
     """Return a plotly figure for display in an offline page.
 
-    The reader turns it with mouse, finger or, once it has the focus, the arrow keys; ``+`` and
-    ``-``, or the wheel with the control key, zoom, and comma and period move a slider.
+    The reader turns it with the mouse or, once it has the focus, the arrow keys; ``+`` and ``-``,
+    or the wheel with the control key, zoom, and comma and period move a slider. A finger scrolls
+    past it; a tap, or the button that touch screens show, lets one finger turn it and two zoom.
 
     Parameters
     ----------
     fig : plotly.graph_objects.Figure
         Traces, and the layout that matters to the subject; ground, colors and margins are set
-        here. The argument itself is not changed.
+        here. One slider stands below the picture. The argument itself is not changed.
     alt : str
         What the picture shows, in words.
     height : float, optional
-        In pixels; the width follows the page.
+        Of the picture, in pixels; the width follows the page.
     twin : matplotlib.figure.Figure, optional
         Static picture for print; by default :func:`static_twin` draws one.
     equal : bool, optional
@@ -113,12 +82,14 @@ def show3d(
     Returns
     -------
     Drawing
-        Its markup expects the page to load plotly.js, and asks for nothing else.
+        Its markup expects the page to load plotly.js, and asks for nothing else; without plotly.js
+        it shows the static twin.
 
     Raises
     ------
     InvalidInput
-        If `fig` is no plotly figure, `alt` says nothing, or the height is not positive.
+        If `fig` is no plotly figure or has menus or several sliders, `alt` says nothing, or the
+        height is not positive.
 
     Examples
     --------
@@ -157,22 +128,21 @@ def show3d(
         picture.update_scenes(aspectmode="data")
     still = png(static_twin(picture) if twin is None else twin)
     name = "lissome3d-" + hashlib.sha256(picture.to_json().encode() + alt.encode()).hexdigest()[:12]
-    plot = picture.to_html(
-        full_html=False,
-        include_plotlyjs=False,
-        config=_CONFIG,
-        div_id=name,
-        default_height=f"{height:g}px",
-        post_script=[_FOLLOW_THEME, _KEYS],
-    )
+    slider, steps = _slider(picture.layout, name)
+    content = json.loads(picture.to_json()) | {"steps": steps, "config": _CONFIG}
+    data = json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
     image = data_uri(webp(still), "image/webp")
+    said = html.escape(alt)
     markup = (
-        f'<div class="lissome-drawing">{SHEET}'
-        "<style>.lissome-print{display:none}@media print{.lissome-screen{display:none}"
-        ".lissome-print{display:block}}</style>"
-        f'<div class="lissome-screen" role="img" aria-label="{html.escape(alt)}">{plot}</div>'
-        f'<img class="lissome-print dark-light" alt="{html.escape(alt)}" src="{image}">'
-        "<noscript><style>.lissome-print{display:block}</style></noscript></div>"
+        f'<div class="lissome-drawing">{SHEET}{SPACE_SHEET}'
+        f'<div class="lissome-screen" role="group" aria-label="{said}">'
+        f'<button type="button" class="lissome-touch" id="{name}-touch">Tap to turn</button>'
+        f'<div id="{name}" class="plotly-graph-div" style="height:{height:g}px;width:100%" '
+        'role="application" aria-label="View in space: the arrow keys turn it, plus and minus zoom">'
+        f"</div>{slider}</div>"
+        f'<img class="lissome-print dark-light" alt="{said}" src="{image}">'
+        f'<script type="application/json" id="{name}-data">{data}</script>'
+        f"<script>{SCRIPT.replace('NAME', name)}</script></div>"
     )
     return Drawing(markup=markup, still=still, alt=alt)
 
