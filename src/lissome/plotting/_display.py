@@ -45,10 +45,10 @@ STYLE: Any = {
     "axes.prop_cycle": cycler(color=[color(role) for role in SERIES]),
     "axes.spines.right": False,
     "axes.spines.top": False,
-    "axes.titlesize": 10,
+    "axes.titlesize": 11,
     "figure.edgecolor": "none",
     "figure.facecolor": "none",
-    "font.size": 10,
+    "font.size": 11,  # on a phone a figure is 0.6 times as wide
     "grid.color": color("muted"),
     "grid.linewidth": 0.5,
     "image.cmap": "viridis",
@@ -151,9 +151,16 @@ SHEET = (
     f"html[data-theme=dark] .lissome-drawing{{{_HUES['dark']}"
     f"--lissome-paper:var(--pst-color-background,{PALETTE['paper'].dark})}}"
     f"@media print{{html[data-theme=dark] .lissome-drawing{{{_HUES['light']}}}}}"
-    ".lissome-drawing{overflow-x:auto}"
+    ".lissome-drawing{overflow-x:auto;overflow-y:hidden;"
+    "--lissome-ground:var(--pst-color-background,Canvas)}"
     ".lissome-drawing>svg{display:block;margin:auto;max-width:100%;height:auto}"
     ".lissome-drawing.wide>svg{min-width:34rem}"
+    # shadows at the edges say that there is more aside; covers that scroll along hide them there
+    ".lissome-drawing.wide{background:"
+    "linear-gradient(90deg,var(--lissome-ground) 40%,transparent) 0 0/2rem 100% no-repeat local,"
+    "linear-gradient(270deg,var(--lissome-ground) 40%,transparent) 100% 0/2rem 100% no-repeat local,"
+    "linear-gradient(90deg,rgba(128,136,146,.55),transparent) 0 0/.7rem 100% no-repeat scroll,"
+    "linear-gradient(270deg,rgba(128,136,146,.55),transparent) 100% 0/.7rem 100% no-repeat scroll}"
     "</style>"
 )
 

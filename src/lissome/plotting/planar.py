@@ -269,7 +269,7 @@ def legend(ax: Axes, **options: Any) -> None:
     ['stable']
     """
     with mpl.rc_context(STYLE):
-        ax.legend(**{"fontsize": 8.5, "handlelength": 1.6, **options})
+        ax.legend(**{"fontsize": 9.5, "handlelength": 1.6, **options})
 
 
 def _edges(centers: Array) -> Array:

@@ -73,7 +73,7 @@ def show3d(
     alt : str
         What the picture shows, in words.
     height : float, optional
-        Of the picture, in pixels; the width follows the page.
+        Of the picture, in pixels, less on a phone; the width follows the page.
     twin : matplotlib.figure.Figure, optional
         Static picture for print; by default :func:`static_twin` draws one.
     equal : bool, optional
@@ -119,7 +119,9 @@ def show3d(
         plot_bgcolor=clear,
         font={"color": "#808892", "size": 12},
         margin={"l": 0, "r": 0, "t": 24, "b": 0},
-        height=height,
+        autosize=True,
+        height=None,
+        width=None,
     )
     line = "rgba(128,136,146,0.45)"
     wall = {"showbackground": False, "gridcolor": line, "zerolinecolor": line}
@@ -137,7 +139,8 @@ def show3d(
         f'<div class="lissome-drawing">{SHEET}{SPACE_SHEET}'
         f'<div class="lissome-screen" role="group" aria-label="{said}">'
         f'<button type="button" class="lissome-touch" id="{name}-touch">Tap to turn</button>'
-        f'<div id="{name}" class="plotly-graph-div" style="height:{height:g}px;width:100%" '
+        f'<div id="{name}" class="plotly-graph-div" '
+        f'style="height:min({height:g}px,{height / 6.4:.4g}vw);width:100%" '
         'role="application" aria-label="View in space: the arrow keys turn it, plus and minus zoom">'
         f"</div>{slider}</div>"
         f'<img class="lissome-print dark-light" alt="{said}" src="{image}">'
