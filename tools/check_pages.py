@@ -289,7 +289,7 @@ def _check_touch(browser, page: Page) -> None:
             if figure.evaluate(CAMERAS) == camera or tab.evaluate("scrollY") != began:
                 page.blame("a finger cannot turn", name)
             tab.touchscreen.tap(x, y)
-        controls = tab.query_selector_all(".lissome-drawing :is(button, input)")
+        controls = tab.query_selector_all(".lissome-drawing :is(button, input):not(.modebar *)")
         boxes = [control.bounding_box() for control in controls if control.is_visible()]
         low = [f"{box['height']:g} px" for box in boxes if box["height"] < FINGER]
         page.blame(f"controls lower than {FINGER} px", low)
@@ -357,6 +357,7 @@ def _visit(browser, page: Page, theme: str, shot: Path | None) -> bool:
             tab.set_viewport_size(PHONE)
             tab.wait_for_timeout(400)
             page.blame("wider than a phone", tab.evaluate(WIDE))
+            tab.evaluate("() => window.scrollTo(0, 0)")  # bars that stick belong at the top
             picture("phone")
             for count, what in (
                 (seen["math"], "equations"),

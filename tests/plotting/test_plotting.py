@@ -249,6 +249,10 @@ def test_light_arrows_point_along_the_light_and_span_the_width():
     np.testing.assert_allclose(tips - tails, np.tile(0.1 * along, (7, 1)), atol=1e-15)
     assert np.isclose(np.linalg.norm(tips[-1] - tips[0]), 0.6)
     np.testing.assert_allclose(tips.mean(axis=0), [0.5, 0.2])
+    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+    for points in (tips, tails):  # no ray is cut off
+        assert np.all((left < points[:, 0]) & (points[:, 0] < right))
+        assert np.all((low < points[:, 1]) & (points[:, 1] < high))
     with pytest.raises(InvalidInput, match="direction"):
         plotting.light_arrows(ax, (0, 0), (0, 0))
 

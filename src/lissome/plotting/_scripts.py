@@ -20,6 +20,7 @@ SPACE_SHEET = (
     "padding:0 .9em;border:1px solid currentColor;border-radius:.4em;font:inherit;font-size:.85em;"
     "color:inherit;background:var(--pst-color-background,Canvas)}"
     "@media (any-pointer:coarse){.lissome-touch{display:block}}"
+    "@media (pointer:coarse){.lissome-screen .modebar-container{display:none}}"
     ".lissome-loose{outline:2px solid var(--pst-color-primary,#0a6bb0)}"
     ".lissome-loose .gl-container{touch-action:none}"
     ".lissome-slide{display:flex;align-items:center;gap:.8em;padding:0 .4em}"

@@ -120,6 +120,8 @@ def light_arrows(
             xytext=tuple(tip - length * along),
             arrowprops={"arrowstyle": "-|>", "color": color(hue), "lw": 1.3, "shrinkA": 0},
         )
+        ax.update_datalim([tip, tip - length * along])  # annotations alone widen no axes
+    ax.autoscale_view()
 
 
 def curve(ax: Axes, positions: npt.ArrayLike, *, hue: str | int = "blue", **style: Any) -> Any:

@@ -7,6 +7,8 @@ import html
 import json
 from typing import Any
 
+import matplotlib as mpl
+import matplotlib.ticker
 import numpy as np
 
 from .._validate import positive
@@ -215,7 +217,12 @@ def static_twin(fig: Any) -> Any:
         low, high = box[:, :, 0].min(axis=0), box[:, :, 1].max(axis=0)
         room = np.maximum(high - low, 1e-3 * (high - low).max())
         ax.set_box_aspect(tuple(room) if fig.layout.scene.aspectmode == "data" else None)
+        for axis, share in zip("xyz", room / room.max(), strict=True):
+            ticks = int(np.clip(round(6 * share), 1, 5))  # a short axis has room for few numbers
+            getattr(ax, f"{axis}axis").set_major_locator(mpl.ticker.MaxNLocator(ticks))
     for axis, name in zip("xyz", ("xaxis", "yaxis", "zaxis"), strict=True):
         title = getattr(fig.layout.scene, name).title.text
-        getattr(ax, f"set_{axis}label")(title or axis)
+        getattr(ax, f"set_{axis}label")(title or axis, labelpad=8)
+        if getattr(fig.layout.scene, name).visible is False:
+            getattr(ax, f"{axis}axis").set_visible(False)
     return picture
