@@ -1,5 +1,7 @@
 """Meshes of plates: areas, symmetry, files and slits."""
 
+import re
+
 import meshio
 import numpy as np
 import pytest
@@ -104,6 +106,16 @@ def test_bad_files_are_refused(tmp_path):
         meshes.from_file(path)
     with pytest.raises(FileNotFoundError):
         meshes.from_file(tmp_path / "none.vtu")
+
+
+@pytest.mark.parametrize("ending", ["msh", "vtk", "dat", "inp", "obj", "vtu", "nonsense"])
+def test_a_file_that_is_no_mesh_is_refused_in_words(tmp_path, capfd, ending):
+    path = tmp_path / f"mesh.{ending}"
+    path.write_text("nothing that anyone could read")
+    with pytest.raises(DataError, match="mesh") as caught:
+        meshes.from_file(path)
+    assert not re.search(r"[:(] ?\d*\)?$", str(caught.value)), "the reason is missing"
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_slit_opens_the_mesh_and_relaxes_a_defect():

@@ -5,6 +5,8 @@ Any other mesh of scikit-fem will do (``skfem.MeshTri``, or ``skfem.MeshTri2`` w
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 from typing import Any
 
@@ -220,13 +222,20 @@ def from_file(path: str | os.PathLike[str]) -> Any:
 
     if not os.path.exists(path):
         raise FileNotFoundError(f"there is no file {path}")
+    said = io.StringIO()  # meshio prints, and ends the process, instead of raising
     try:
-        stored = meshio.read(path)
-    except (meshio.ReadError, SystemExit, ValueError, KeyError, IndexError, OSError) as error:
-        raise DataError(f"the file {path} is not a mesh that meshio can read: {error}") from error
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            stored = meshio.read(path)
     except ImportError as error:
         raise DataError(
             f"to read {path}, meshio needs the package {error.name}: install it, or convert the file"
+        ) from error
+    except (Exception, SystemExit) as error:  # each reader of meshio has failures of its own
+        why = " ".join(said.getvalue().split()) if isinstance(error, SystemExit) else str(error)
+        why = why or type(error).__name__
+        raise DataError(
+            f"the file {path} is not a mesh that meshio can read ({why}); write it anew, for example "
+            "as .msh or .vtk"
         ) from error
     kinds = {block.type for block in stored.cells}
     wanted = "triangle6" if "triangle6" in kinds else "triangle"
