@@ -286,6 +286,65 @@ def test_a_closed_branch_is_closed_and_both_folds_are_found():
     assert branch.table.parameter.iloc[-1] == 0.0
 
 
+@pytest.mark.parametrize("center", [0.0, 0.3, -0.6])
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_loop_that_begins_at_a_bifurcation_is_closed(center, which, sign):
+    """x = 0 is crossed twice by the circle (x - c)^2 + p^2 = 1: pitchforks if c = 0, else aslant."""
+
+    def family(p):
+        return polynomial([0, center**2 + p * p - 1, -2 * center, 1])
+
+    trunk = follow(family, -2.0, 2.0, max_step=0.1)
+    place = np.sqrt(1 - center**2) * (2 * which - 1)
+    event = trunk.events[which]
+    assert event.parameter == pytest.approx(place, abs=1e-8)
+    wanted = [0.0, 0.98 * place]
+    loop = trunk.switch(event, sign, outputs=X, report_at=wanted, max_steps=400)
+    assert loop.events[-1].kind == "end"
+    assert "come back" in loop.events[-1].detail
+    table = loop.table
+    assert table.x.to_numpy()[[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert table.parameter.to_numpy()[[0, -1]] == pytest.approx([place, place], abs=1e-6)
+    # Once around, and no more; every value is passed twice.
+    angle = np.unwrap(np.arctan2(table.x - center, table.parameter))
+    assert abs(angle[-1] - angle[0]) == pytest.approx(2 * np.pi, abs=1e-5)
+    for value in wanted:
+        assert np.count_nonzero(table.kind[table.parameter == value] == "reported") == 2
+
+
+def test_a_loop_through_curved_space_is_closed():
+    """The circle bent upward, y = x^2 + x/2, in two unknowns."""
+
+    def family(p):
+        k = p * p - 1
+
+        def parts(x):
+            off = x[1] - x[0] ** 2 - 0.5 * x[0]
+            return off, 2 * x[0] + 0.5
+
+        def gradient(x):
+            off, slope = parts(x)
+            return np.array([x[0] ** 3 + k * x[0] - off * slope, off])
+
+        def hessian(x):
+            off, slope = parts(x)
+            return np.array([[3 * x[0] ** 2 + k + slope**2 - 2 * off, -slope], [-slope, 1.0]])
+
+        return DenseStructure(
+            [0.0, 0.0],
+            lambda x: x[0] ** 4 / 4 + k * x[0] ** 2 / 2 + parts(x)[0] ** 2 / 2,
+            gradient,
+            hessian,
+        )
+
+    trunk = follow(family, -2.0, 2.0, max_step=0.1)
+    loop = trunk.switch(trunk.events[0], outputs={"x": unknown}, max_steps=400)
+    assert "come back" in loop.events[-1].detail
+    angle = np.unwrap(np.arctan2(loop.table.x, loop.table.parameter))
+    assert abs(angle[-1] - angle[0]) == pytest.approx(2 * np.pi, abs=1e-5)
+
+
 # ---- trusses, balloons, columns ---------------------------------------------------------------------
 
 

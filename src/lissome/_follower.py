@@ -57,6 +57,8 @@ _SHORTEST_STEP = 1e-9
 _COARSE = 1e-5
 # Number of halvings of a bracket from which on interpolation is worth its eigenvalues.
 _FEW = 8
+# Distance within which a state is the one at which the branch began.
+_SAME = 1e-6
 # Factors that are no simple fractions keep halved steps off symmetric parameter values.
 _SHORTER = 0.4713
 
@@ -169,6 +171,7 @@ class Follower:
         self.lowest: Array | None = None  # lowest modes of the last row, to start the next from
         self.known: tuple[Balanced, float, bool] | None = None  # eigenvalue of an end of a step
         self.bend: Bend | None = None  # where no step leads to the anchor
+        self.origin: Point | None = None  # a bifurcation, which the branch leaves by dx, dp
         self.anchor: Balanced
         self.tangent: Tangent
 
@@ -346,6 +349,7 @@ class Follower:
             length = self._norm(metric, first.dx, first.dp)
             self.tangent = Tangent(first.dx / length, first.dm / length, first.dp / length)
         self.ds = min(self.ds, self.arclength)
+        self.origin = replace(first, parameter=event.equilibrium_parameter, balanced=origin)
         kind = "reported" if self.parameter in s.report_at else "step"
         self._emit(kind, first.balanced, self.parameter, self.arclength)
 
@@ -382,9 +386,14 @@ class Follower:
     def _advance(self) -> None:
         """Take one step, with everything that happens on it."""
         while True:
-            end, tangent = self._step()
+            home = self._home()
+            end, tangent = self._step() if home is None else (home, self.tangent)
             try:
-                end, last, crossings, reports = self._within(end, tangent)
+                if home is None:
+                    end, last, crossings, reports = self._within(end, tangent)
+                else:
+                    last, crossings = End(home.sigma, home, "closed"), []
+                    reports = self._reports([(None, home)], home, home.sigma)
                 break
             except TooLong as error:
                 length = self._norm(self._metric(self.anchor), end.dx, end.dp)
@@ -662,8 +671,45 @@ class Follower:
             point = self._met(first.parameter, left, right, end)
             structure = point.balanced.structure
             gap = structure.difference(first.equilibrium.state, point.balanced.state)
-            if self._norm(metric, gap, 0.0) <= 1e-6:
+            if self._norm(metric, gap, 0.0) <= _SAME:
                 return End(point.sigma, point, "closed")
+        return None
+
+    def _home(self) -> Point | None:
+        """Return the bifurcation at which the branch began, if it comes back to it just ahead.
+
+        At a pitchfork the parameter turns there, and no value of it is passed that would tell. The
+        parabola that ends in the bifurcation, in the direction in which the branch left, must follow
+        the branch; if it might, the steps are shortened.
+        """
+        if self.origin is None or len(self.rows) < 5:
+            return None
+        origin, metric = self.origin, self._metric(self.anchor)
+        point = self._relative(origin.parameter, origin.balanced)
+        t, length = self.tangent, point.sigma
+        if not 0.0 < length <= 2.0 * min(self.ds, self.settings.max_step / self.settings.range):
+            return None
+        off = self._norm(metric, point.dx - length * t.dx, point.dp - length * t.dp)
+        if off > _LARGEST_DEVIATION * length or point.dp * t.dp < 0:
+            return None
+        if any(
+            (value - self.parameter) * (origin.parameter - value) > 0 for value, _ in self._ends()
+        ):
+            return None
+        dx, _, dp = self._direction(point, length)
+        agreement = self._inner(metric, dx, dp, origin.dx, origin.dp)
+        if agreement < 0.9 * self._norm(metric, origin.dx, origin.dp):
+            return None
+        parameter, dx, dm = self._interpolated(point, 0.5 * length)
+        try:
+            middle = self._correct_across(parameter, dx, dm)
+            off = self._norm(metric, middle.dx - dx, middle.parameter - parameter)
+            if off <= _SAME and middle.index == self.anchor.index:
+                return point
+        except (CorrectionFailed, FactorizationError):
+            pass
+        if length > 1e3 * _SAME:
+            self.ds = min(self.ds, 0.5 * length)
         return None
 
     def _reports(
