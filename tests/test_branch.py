@@ -300,9 +300,11 @@ def test_a_loop_that_begins_at_a_bifurcation_is_closed(center, which, sign):
     event = trunk.events[which]
     assert event.parameter == pytest.approx(place, abs=1e-8)
     wanted = [0.0, 0.98 * place]
-    loop = trunk.switch(event, sign, outputs=X, report_at=wanted, max_steps=400)
+    loop = trunk.switch(event, sign, outputs=X, report_at=wanted, max_step=0.4, max_steps=100)
     assert loop.events[-1].kind == "end"
     assert "come back" in loop.events[-1].detail
+    passed = ["fold"] if center == 0 else ["bifurcation", "fold", "fold"]
+    assert sorted(kinds(loop)[:-1]) == passed
     table = loop.table
     assert table.x.to_numpy()[[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-6)
     assert table.parameter.to_numpy()[[0, -1]] == pytest.approx([place, place], abs=1e-6)
@@ -339,7 +341,7 @@ def test_a_loop_through_curved_space_is_closed():
         )
 
     trunk = follow(family, -2.0, 2.0, max_step=0.1)
-    loop = trunk.switch(trunk.events[0], outputs={"x": unknown}, max_steps=400)
+    loop = trunk.switch(trunk.events[0], outputs=X, max_step=0.4, max_steps=100)
     assert "come back" in loop.events[-1].detail
     angle = np.unwrap(np.arctan2(loop.table.x, loop.table.parameter))
     assert abs(angle[-1] - angle[0]) == pytest.approx(2 * np.pi, abs=1e-5)

@@ -149,6 +149,10 @@ class Branch:
         with the parameter free: this finds the crossing branch of a pitchfork and of a transcritical
         point, and of the latter both halves, one with each sign.
 
+        A branch that comes back to the bifurcation, in the direction in which it left, is closed and
+        ends there. On its way it may pass through another pitchfork, where its parameter turns: this is
+        a fold without a change of the number of unstable directions.
+
         Parameters
         ----------
         event : Event
