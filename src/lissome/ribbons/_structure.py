@@ -264,8 +264,8 @@ class Ribbon(BaseStructure):
 
     def _with(self, **changes: Any) -> Ribbon:
         new = object.__new__(Ribbon)
-        for item in fields(self):
-            object.__setattr__(new, item.name, changes.get(item.name, getattr(self, item.name)))
+        for name in _FIELDS:
+            object.__setattr__(new, name, changes.get(name, getattr(self, name)))
         new.__dict__["_shared"] = self._shared
         if new.has_moments:
             new._check_moments()
@@ -742,6 +742,8 @@ class Ribbon(BaseStructure):
 
     def gauge(self, state: RibbonState) -> Array:
         """Return the rigid motions that nothing opposes, shape (g, n)."""
+        if self.rod.held or any(support.kind == "clamped" for support in self.supports):
+            return np.zeros((0, self.size))  # a ribbon bends about one direction only
         rows = self.rod.gauge(state)
         if not rows.shape[0]:
             return np.zeros((0, self.size))
@@ -771,10 +773,10 @@ class Ribbon(BaseStructure):
         frames = self.rod._frames(state)
         q, kappa = np.empty((n, 4)), np.empty((n, 3))
         rod_kernel.hinge_rotations(frames, plan.left, plan.right, plan.twist, q, kappa)
-        eta, slope = self._rulings_at_hinges(state.rulings)
-        inner = self._hinge_multipliers(multipliers)
         if self.has_moments:
-            return self._evaluate_moments(state, multipliers, order, frames, q, kappa, eta, slope)
+            return self._evaluate_moments(state, multipliers, order, frames, q, kappa)
+        inner = self._hinge_multipliers(multipliers)
+        eta, slope = self._rulings_at_hinges(state.rulings)
         folds = np.array(state.folds) if self.law.has_fold else np.zeros(n)
         first, second = order >= 1, order >= 2
         values, rows = np.empty(n), np.empty((n, 3))
@@ -818,9 +820,14 @@ class Ribbon(BaseStructure):
         return Evaluation(energy, constraints, gradient, kkt)
 
     def _evaluate_moments(
-        self, state: RibbonState, multipliers: Array, order: int, frames: Array, q: Array, kappa: Array,
-        eta: Array, slope: Array,
-    ) -> Evaluation:  # fmt: skip
+        self,
+        state: RibbonState,
+        multipliers: Array,
+        order: int,
+        frames: Array,
+        q: Array,
+        kappa: Array,
+    ) -> Evaluation:
         """Return the same for the scheme "moments", by the complementary energy.
 
         The moments are multipliers, and constraints depend on them: angles are the derivatives of the
@@ -994,6 +1001,9 @@ class Ribbon(BaseStructure):
                 "strip, or smaller steps"
             )
         return None
+
+
+_FIELDS = tuple(item.name for item in fields(Ribbon))
 
 
 def _check_law(law: Any) -> None:

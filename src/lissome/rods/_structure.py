@@ -251,8 +251,8 @@ class Rod(BaseStructure):
     def _with(self, **changes: Any) -> Rod:
         """Return this rod with fields changed to values that have been checked."""
         new = object.__new__(Rod)
-        for item in fields(self):
-            object.__setattr__(new, item.name, changes.get(item.name, getattr(self, item.name)))
+        for name in _FIELDS:
+            object.__setattr__(new, name, changes.get(name, getattr(self, name)))
         new.__dict__["_shared"] = self._shared
         return new
 
@@ -841,6 +841,13 @@ class Rod(BaseStructure):
     @cached_property
     def isotropic(self) -> bool:
         """Whether a spin of all sections about the tangents changes no strain energy."""
+        key = (self.law, self.natural, self.layout.skeleton)
+        known = self._shared.get("isotropic")
+        if known is None or any(a is not b for a, b in zip(known[0], key, strict=True)):
+            known = self._shared["isotropic"] = (key, self._is_isotropic())
+        return bool(known[1])
+
+    def _is_isotropic(self) -> bool:
         layout = self.layout
         if np.any(layout.plan.natural[:, :2]):
             return False
@@ -1044,6 +1051,9 @@ class Rod(BaseStructure):
                 for k, anchor in enumerate(self.layout.anchors)
             ]
         )
+
+
+_FIELDS = tuple(item.name for item in fields(Rod))
 
 
 def _rotation_of(density: Array, spans: Array, measure: str) -> Array:
