@@ -24,7 +24,7 @@ from ._validate import finite_array, integer_at_least, structure_like
 from .errors import FactorizationError, InvalidInput, NotConverged
 from .factorization import Factorization, KKTMatrix
 
-__all__ = ["Spectrum", "lowest_mode", "nearest_eigenvalue", "smallest_eigenvalue", "softest_mode"]
+__all__ = ["Spectrum", "lowest_mode", "smallest_eigenvalue", "softest_mode"]
 
 Array = NDArray[np.float64]
 
@@ -121,45 +121,6 @@ def softest_mode(
             return math.inf, np.zeros(kkt.n), mult  # the constraints leave no motion
         v, mult = w / norm, mult / norm
     return 1.0 / norm, v, mult
-
-
-def nearest_eigenvalue(
-    kkt: KKTMatrix, factor: Factorization, metric: Array, noise: float
-) -> tuple[float, float]:
-    """Return a bound of the size of the eigenvalue nearest to zero, and its round-off floor.
-
-    The floor is that of the matrix; what rounding errors of the state add is not in it.
-
-    Parameters
-    ----------
-    kkt, factor, metric
-        As in :func:`softest_mode`.
-    noise : float
-        Relative round-off error of the entries of the matrix; that of its structure.
-
-    Returns
-    -------
-    size, floor : float
-        The eigenvalue has a sign if `size` is greater than `floor`.
-
-    Raises
-    ------
-    FactorizationError
-        If the matrix is singular.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from lissome.factorization import DenseKKT
-    >>> from lissome.stability import nearest_eigenvalue
-    >>> kkt = DenseKKT(np.diag([-0.001, 5.0, 9.0]))
-    >>> size, floor = nearest_eigenvalue(kkt, kkt.factorize(), np.ones(3), noise=1e-15)
-    >>> print(round(size, 9), floor < 1e-16)
-    0.001 True
-    """
-    size, mode, mult = softest_mode(kkt, factor, metric)
-    terms, _ = kkt.magnitude(mode, mult)
-    return size, noise * float(np.abs(mode) @ terms)
 
 
 def _lanczos(

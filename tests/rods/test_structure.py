@@ -325,13 +325,15 @@ def test_reactions_balance_the_loads(name):
     for support in rod.supports:  # supports hold what they prescribe
         for k, value in enumerate(support.position):
             assert value is None or places[support.node, k] == pytest.approx(value, abs=1e-11)
-    total = eq.bending_energy + eq.stretching_energy - np.sum(loads * places) - sum(
+    potential = -np.sum(loads * places) - sum(
         f @ rotate(eq.state.quaternions[j], arm) for j, (f, arm) in rod.loads.couples.items()
     )  # fmt: skip
-    total -= sum(
+    potential -= sum(
         s.moment * eq.state.angles[i]
         for i, s in enumerate(s for s in rod.supports if s.kind == "hinged")
     )
+    assert eq.load_energy == pytest.approx(potential, rel=1e-12, abs=1e-12)
+    total = eq.bending_energy + eq.stretching_energy + potential
     assert eq.energy == pytest.approx(total, rel=1e-12, abs=1e-12)
 
 

@@ -94,12 +94,6 @@ def turn(q: Quaternion, w: Vector) -> Vector:
     return (w[0] + q[0] * e[0] + f[0], w[1] + q[0] * e[1] + f[1], w[2] + q[0] * e[2] + f[2])
 
 
-@jit(inline="always")
-def turn_back(q: Quaternion, w: Vector) -> Vector:
-    """Return the vector `w` turned by the inverse of the unit quaternion `q`."""
-    return turn((q[0], -q[1], -q[2], -q[3]), w)
-
-
 @jit
 def exp_of(v: Vector) -> Quaternion:
     """Return the unit quaternion of the rotation vector `v` (radians about its direction)."""
@@ -108,16 +102,6 @@ def exp_of(v: Vector) -> Quaternion:
         return (1.0, 0.5 * v[0], 0.5 * v[1], 0.5 * v[2])
     factor = math.sin(0.5 * angle) / angle
     return (math.cos(0.5 * angle), factor * v[0], factor * v[1], factor * v[2])
-
-
-@jit
-def log_of(q: Quaternion) -> Vector:
-    """Return the rotation vector of a unit quaternion; its length is at most pi."""
-    sign = -1.0 if q[0] < 0.0 else 1.0
-    size = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    factor = 2.0 if size == 0.0 else 2.0 * math.atan2(size, sign * q[0]) / size
-    factor *= sign
-    return (factor * q[1], factor * q[2], factor * q[3])
 
 
 @jit
