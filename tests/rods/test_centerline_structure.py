@@ -288,3 +288,18 @@ def test_cold_starts_on_fine_meshes_converge(segments):
     found, same = ls.equilibrate(CenterlineTwist(rod)), ls.equilibrate(rod)
     assert found.stable and found.iterations < 30
     assert np.abs(found.state.positions - same.positions).max() < 1e-8
+
+
+@pytest.mark.parametrize("name", RODS)
+def test_supports_exert_the_same_in_both_representations(name):
+    """Forces from nodes and tensions against forces from the rows of the frames."""
+    rod = RODS[name]
+    first = ls.equilibrate(rod)
+    second = ls.equilibrate(CenterlineTwist(rod), first.state)
+    known, found = first.reactions(), second.reactions()
+    assert list(found) == list(known)
+    scale = 1.0 + max((np.max(np.abs([r.force, r.moment])) for r in known.values()), default=0.0)
+    for where, reaction in known.items():
+        assert found[where].force == pytest.approx(reaction.force, abs=1e-8 * scale)
+        assert found[where].moment == pytest.approx(reaction.moment, abs=1e-8 * scale)
+        assert found[where].position == pytest.approx(reaction.position, abs=1e-10)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
 from ..factorization import ChainKKT, ChainLayout
+from ..reactions import Reactions
 from ..structure import EPS, BaseStructure, Evaluation
 from . import _centerline_kernel as _kernel
+from ._equilibrium import RodEquilibrium
 from ._structure import Rod, RodState
 from .centerline import RESET, CenterlineState, reconstructed
 from .measures import CODES, measure_all, pull_back_all
@@ -40,6 +43,17 @@ class _Places:
     fixed_nodes: NDArray[np.bool_]  # (N + 1, 3)
     fixed_values: Array
     prescribed: dict[int, Array]  # frames of prescribed segments
+
+
+@dataclass(frozen=True)
+class _InRod(RodEquilibrium):
+    """An equilibrium in the unknowns of the rod, whose forces come from the nodes."""
+
+    given: Array
+
+    @property
+    def forces(self) -> Array:
+        return self.given
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,7 +366,24 @@ class CenterlineTwist(BaseStructure):
 
     def evaluate(self, state: CenterlineState, multipliers: Array, order: int = 2) -> Evaluation:
         """Return energy, constraints and derivatives up to `order`."""
-        rod, places, made = self.rod, self._places, state._made
+        places = self._places
+        energy, values, gradient, band = self._assembled(
+            state, multipliers, order,
+            (places.node_column, places.twist_column, places.row_column, places.chain.length),
+        )  # fmt: skip
+        constraints = values[places.row_number >= 0]
+        if order == 0:
+            return Evaluation(energy, constraints)
+        gradient = gradient[places.chain.unknowns]
+        if order == 1:
+            return Evaluation(energy, constraints, gradient)
+        return Evaluation(energy, constraints, gradient, ChainKKT(band, layout=places.chain))
+
+    def _assembled(
+        self, state: CenterlineState, multipliers: Array, order: int, columns: tuple[Any, ...]
+    ) -> tuple[float, Array, Array, Array]:
+        """Return energy, measures of stretch, and gradient and band in given columns."""
+        rod, made = self.rod, state._made
         layout, plan = rod.layout, rod.layout.plan
         n, hinges = rod.lengths.size, plan.left.size
         frames = self._frames(state)
@@ -368,21 +399,39 @@ class CenterlineTwist(BaseStructure):
         stiffness = _NO_STIFFNESS if stiffness is None else stiffness / plan.span[:, None, None]
         if rod.measure != "sine":
             pull_back_all(CODES[rod.measure], q, stress, stiffness, order)
-        columns = places.chain.length
-        gradient = np.empty(columns)
-        band = np.empty((columns if order >= 2 else 0, 13))
+        nodes, twists, rows, count = columns
+        gradient = np.empty(count)
+        band = np.empty((count if order >= 2 else 0, 13))
         values = np.empty(n)
-        tensions = np.append(multipliers, 0.0)[places.row_number]
+        tensions = np.append(multipliers, 0.0)[self._places.row_number]
         energy += _kernel.assemble(
             state.positions, made.tangents, made.edges, made.sizes, made.binormals, made.bent, frames,
             q, stress, stiffness, plan.left, plan.right, rod.lengths, plan.stiffness,
-            layout.node_forces, plan.arms, tensions, places.node_column, places.twist_column,
-            places.row_column, gradient, values, band, order,
+            layout.node_forces, plan.arms, tensions, nodes, twists, rows, gradient, values, band, order,
         )  # fmt: skip
-        constraints = values[places.row_number >= 0]
-        if order == 0:
-            return Evaluation(energy, constraints)
-        gradient = gradient[places.chain.unknowns]
-        if order == 1:
-            return Evaluation(energy, constraints, gradient)
-        return Evaluation(energy, constraints, gradient, ChainKKT(band, layout=places.chain))
+        return energy, values, gradient, band
+
+    # ---- supports ------------------------------------------------------------------------------
+
+    def reactions(self, equilibrium: Equilibrium) -> Reactions:
+        """Return what the supports exert in `equilibrium`, by the names that they have in the rod."""
+        forces = self._internal_forces(equilibrium.state, equilibrium.multipliers)
+        state = self.to_rod(equilibrium.state)
+        return (
+            replace(equilibrium, structure=self.rod, state=state)
+            .as_type(_InRod, given=forces)
+            .reactions()
+        )
+
+    def _internal_forces(self, state: CenterlineState, multipliers: Array) -> Array:
+        """Return the force of what is beyond each segment on what is before, shape (N, 3)."""
+        n = self.rod.lengths.size
+        nodes = np.arange(3 * (n + 1), dtype=np.int64).reshape(n + 1, 3)
+        absent = np.full(n, -1, dtype=np.int64)
+        held = self._assembled(state, multipliers, 1, (nodes, absent, absent, 3 * (n + 1)))[2]
+        held = held.reshape(n + 1, 3)
+        for j in self._places.prescribed:  # the clamp of a segment acts on its end of the rod
+            near, far = (0, 1) if j == 0 else (n, n - 1)
+            held[near] += held[far]
+            held[far] = 0.0
+        return np.asarray(-np.cumsum(held + self.rod.layout.node_forces, axis=0)[:-1])
