@@ -91,6 +91,12 @@ def test_what_is_near_to_a_structure_gets_the_nearest_remedy():
         ls.follow(family, 0.0, 1.0, outputs={"load": 3.0})
 
 
+def test_an_end_that_is_thrown_behind_its_clamp_asks_for_smaller_steps():
+    rod = rods.straight(1.0, 20, LAW).clamped("start")
+    with pytest.raises(ls.NotConverged, match="start nearer, or go there in small steps"):
+        ls.equilibrate(rod.clamped("end", position=(0.0, 0.0, -0.9)))
+
+
 @pytest.mark.parametrize("name", ["soft_width", "stiff_width", "stiff_transition"])
 @pytest.mark.parametrize("value", [-1.0, float("nan"), "12 K", [12.0]])
 def test_a_laminate_of_films_names_its_own_arguments(name, value):

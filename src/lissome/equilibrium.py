@@ -840,8 +840,8 @@ class _Solver:
                     return self.finish(dx, dmult, correction)
                 raise self.fail(
                     f"no step lowers the merit function at iteration {len(self.history)} (residual "
-                    f"{self.residual:.3g}); check the gradient against finite differences of the "
-                    "energy, or start nearer"
+                    f"{self.residual:.3g}); start nearer, or go there in small steps (`follow`); of a "
+                    "structure of your own, check the gradient against finite differences of the energy"
                 )
         raise self.fail(
             f"no equilibrium after {self.max_iterations} iterations (residual {self.residual:.3g}); "
