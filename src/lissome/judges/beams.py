@@ -119,7 +119,7 @@ def ring_speed_symmetry(claim: Claim, facts: Facts) -> list[Check]:
         increasing(
             f"V up to {facts['increasing_to']:.3g} rad",
             np.r_[0.0, facts["speeds"][part]],
-            said="{name} rises from 0 to {last}, with the slope "
+            said=f"up to {facts['increasing_to']:.3g} rad V rises from 0 to {{last}}, with the slope "
             f"{facts['slope']:.4g} at 0; the linear theory breaks down at "
             f"{facts['breakdown']:.4g} rad",
         ),
@@ -245,9 +245,14 @@ def strip_eigenvalue(claim: Claim, facts: Facts) -> list[Check]:
             float(worst),
             0.5,
             0.05,
-            said="it falls with the time that is left to the power {value}, as at a fold (1/2)",
+            said="it falls as the power {value} of the time that is left; a fold has 1/2",
         ),
-        all_above("the eigenvalue after a snap", facts["after"], 0.0, said="it is positive after"),
+        all_above(
+            "the eigenvalue after a snap",
+            facts["after"],
+            0.0,
+            said="after each snap it is positive",
+        ),
     ]
 
 

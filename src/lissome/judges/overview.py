@@ -25,15 +25,15 @@ def balloon_three_radii(claim: Claim, facts: Facts) -> list[Check]:
     return [
         holds(
             facts["equilibria"] == 3 and 0 < facts["pressure"] < 1,
-            f"at {facts['pressure']:.3g} of the limit pressure three radii are in equilibrium",
+            f"at {facts['pressure']:.3g} of the limit pressure the balloon has three radii in equilibrium",
             f"at {facts['pressure']:.3g} of the limit pressure {facts['equilibria']:.0f} radii are "
             "in equilibrium, not three",
         ),
         holds(
             after > facts["radius_before"] and abs(after / largest - 1) <= 1e-6,
-            f"past it the radius jumps from {facts['radius_before']:.4g} to {after:.4g}, the "
+            f"past that limit it jumps from {facts['radius_before']:.4g} to {after:.4g}, the "
             "largest that the limit pressure can hold",
-            f"past it the radius goes from {facts['radius_before']:.4g} to {after:.4g}, but the "
+            f"past that limit it goes from {facts['radius_before']:.4g} to {after:.4g}, but the "
             f"largest equilibrium is {largest:.4g}",
         ),
     ]

@@ -194,7 +194,11 @@ def offset_height_measured(claim: Claim, facts: Facts) -> list[Check]:
         )
     share = measured / bounds
     checks = [
-        decreasing("the measured height", measured, said="height and energy bound fall alike"),
+        decreasing(
+            "the measured height",
+            measured,
+            said="the measured height and the energy bound both fall with the offset",
+        ),
         *(decreasing("the bound", row, said="") for row in bounds),
     ]
     parts = [
