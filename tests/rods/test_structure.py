@@ -243,7 +243,7 @@ def test_ring_stays_closed_and_keeps_its_turns_of_twist():
     assert np.max(np.abs(eq.positions[-1] - eq.positions[0])) < 1e-13
 
 
-def test_pinned_phase_exerts_no_force():
+def test_phase_that_is_pinned_exerts_no_force():
     """The multiplier of the phase condition is zero by symmetry; the lobes travel at no cost."""
     law = Kirchhoff((1.0, 1.0), 0.8)
     rod = ring(60, law).with_overcurvature(2.0)

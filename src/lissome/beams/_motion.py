@@ -666,8 +666,8 @@ class Motion:
 class ElasticaHistory:
     """What happened to a strip or ring under light: one row per recorded instant.
 
-    Arrays, as compiled code fills them; :class:`lissome.History`, of any structure that evolves, holds
-    equilibria.
+    It holds arrays, as compiled code fills them; :class:`lissome.evolution.History`, of any structure that
+    evolves, holds equilibria.
 
     Attributes
     ----------
