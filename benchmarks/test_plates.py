@@ -116,8 +116,8 @@ def test_compiled_assembly(benchmark, measure):
 
 # -- one equilibrium ------------------------------------------------------------------------------
 
-# The thesis's orders need some 30 000 unknowns for 1e-3, and many minutes: they are held to 1e-2 and
-# 5e-3, and the scheme of equal order, which is better, to 1e-3.
+# The thesis's orders need more than 20 000 unknowns for 1e-3: they are held to 1e-2 and 5e-3, and the
+# scheme of equal order, which is better, to 1e-3.
 SHAPES = {1e-2: "equilibrium of the dome, energy to 1e-2", 5e-3: "the same, energy to 5e-3",
           1e-3: "the same, energy to 1e-3"}  # fmt: skip
 ROBUST = "augmented Lagrangian, robust"

@@ -452,6 +452,23 @@ def test_free_plate_needs_its_gauge():
     assert factor.is_minimum
 
 
+def test_a_mean_that_is_held_does_not_tie_the_fronts_together():
+    """A constraint on every tenth unknown; without it, a cut takes a line of the square or two."""
+    n = 40
+    row = np.zeros(n * n)
+    row[::10] = 1.0
+    factor = SparseKKT(laplacian(n), sparse.csr_array(row[None])).factorize()
+    assert factor.inertia == (n * n, 1, 0)
+    fronts = factor._factors.plan.fronts
+    assert max(f.last - f.first + len(f.border) for f in fronts) < max(
+        3 * n, 2 * _multifrontal.LEAF
+    )
+    force = np.sin(np.arange(n * n))
+    dx, dm = factor.solve(force)
+    np.testing.assert_allclose(laplacian(n) @ dx + dm * row, force, atol=1e-11)
+    assert abs(row @ dx) < 1e-11
+
+
 def test_the_analysis_of_a_pattern_is_remembered():
     _multifrontal._PLANS.clear()
     kkt = SparseKKT(laplacian(12))

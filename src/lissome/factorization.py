@@ -888,7 +888,7 @@ class _SparseFactorization(_ColumnFactorization):
 
 
 class SparseKKT(KKTMatrix):
-    """A sparse KKT matrix, for plates and other meshes in two dimensions.
+    r"""A sparse KKT matrix, for plates and other meshes in two dimensions.
 
     Factored by nested dissection and dense fronts (:mod:`lissome._multifrontal`), with delayed
     elimination where a front is nearly singular: the inertia is that of the whole matrix, also when
@@ -900,7 +900,7 @@ class SparseKKT(KKTMatrix):
         Hessian of the Lagrangian, both triangles; symmetric to 1e-8 of its size. Keep entries that
         happen to be zero, so that the pattern stays the same from state to state.
     jacobian : sparse matrix, shape (m, n), optional
-        Derivatives of the constraints. Rows that are nearly full are treated as dense.
+        Derivatives of the constraints. Rows of more than :math:`2\sqrt n` entries are treated as dense.
 
     Raises
     ------
@@ -964,7 +964,8 @@ class SparseKKT(KKTMatrix):
         n, m = self.n, self.m
         rows = _gauge_rows(gauge, n)
         g = rows.shape[0]
-        full = np.diff(self.jacobian.indptr) > max(64, n // 8)
+        # A row that touches more unknowns than a cut through the mesh ties its two sides together.
+        full = np.diff(self.jacobian.indptr) > max(64, 2 * math.isqrt(n))
         order = np.concatenate([np.flatnonzero(~full), np.flatnonzero(full)])
         below = sparse.vstack([self.jacobian[order], sparse.csr_matrix(rows)]).tocoo()
         upper = self.hessian.tocoo()
