@@ -24,9 +24,9 @@ from lissome.plates import (
     SigmoidCurve,
     TabulatedCurve,
     film_curve,
+    film_fits,
     film_laminate,
     film_layer,
-    film_region,
     measured_film_curve,
     spontaneous_history,
 )
@@ -129,7 +129,7 @@ def test_films_meet_table_a_1():
 
 
 def test_the_soft_film_acts_faster_than_the_stiff_one():
-    for arguments in film_region(shapes=["logistic"], moduli=["across"]):
+    for arguments in film_fits(shapes=["logistic"], moduli=["across"]):
         soft = film_curve("soft", width=arguments["soft_width"])
         stiff = film_curve(
             "stiff", width=arguments["stiff_width"], transition=arguments["stiff_transition"]

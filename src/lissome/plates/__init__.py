@@ -37,13 +37,13 @@ from .directors import (
 )
 from .films import (
     film_curve,
+    film_fits,
     film_laminate,
     film_layer,
-    film_region,
     measured_film_curve,
 )
 from .heated_plate import HeatedPlate
-from .laminate import Laminate, Layer, Spontaneous
+from .laminate import Laminate, Layer, SpontaneousDeformation
 from .leap import (
     Flight,
     energy_height,
@@ -82,7 +82,7 @@ __all__ = [
     "PlateScales",
     "PlateState",
     "SigmoidCurve",
-    "Spontaneous",
+    "SpontaneousDeformation",
     "SpontaneousHistory",
     "TabulatedCurve",
     "TemperatureHistory",
@@ -91,9 +91,9 @@ __all__ = [
     "UserDirector",
     "energy_height",
     "film_curve",
+    "film_fits",
     "film_laminate",
     "film_layer",
-    "film_region",
     "fit_sigmoid",
     "flight_from_heights",
     "launch_speed_with_drag",

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from .._validate import finite_array, one_of
 from ..errors import InvalidInput
 from .conduction import TemperatureHistory
-from .laminate import Laminate, Spontaneous
+from .laminate import Laminate, SpontaneousDeformation
 
 __all__ = ["SpontaneousHistory", "spontaneous_history"]
 
@@ -33,7 +33,7 @@ class SpontaneousHistory:
         What heats it.
     times : numpy.ndarray, shape (m,)
         Increasing times.
-    values : Spontaneous
+    values : SpontaneousDeformation
         With arrays of shape (m,).
 
     Examples
@@ -53,18 +53,18 @@ class SpontaneousHistory:
     laminate: Laminate
     temperature: TemperatureHistory
     times: Array
-    values: Spontaneous
+    values: SpontaneousDeformation
 
     @property
     def scaled_times(self) -> Array:
         """Times over the time scale of the heat problem, shape (m,): t D/h^2 for one diffusivity."""
         return self.times / self.temperature.problem.time_scale
 
-    def at(self, time: Any) -> Spontaneous:
+    def at(self, time: Any) -> SpontaneousDeformation:
         """Return strain and curvature at a time within the history of temperature."""
         return self.laminate.spontaneous(self.temperature.at(time))
 
-    def limit(self) -> Spontaneous:
+    def limit(self) -> SpontaneousDeformation:
         """Return strain and curvature in the steady state of the heat problem.
 
         Raises
@@ -126,7 +126,7 @@ class SpontaneousHistory:
         return np.array(zeros)
 
 
-def _curvature(values: Spontaneous, component: str) -> Array:
+def _curvature(values: SpontaneousDeformation, component: str) -> Array:
     return np.asarray(getattr(values, f"curvature_{component}"))
 
 
@@ -192,10 +192,10 @@ def spontaneous_history(
     ]
     columns: dict[str, Any] = {
         item.name: np.concatenate([getattr(part, item.name) for part in parts])
-        for item in fields(Spontaneous)
+        for item in fields(SpontaneousDeformation)
         if item.name != "plane"
     }
-    values = Spontaneous(plane=parts[0].plane, **columns)
+    values = SpontaneousDeformation(plane=parts[0].plane, **columns)
     return SpontaneousHistory(laminate, temperature, chosen, values)
 
 

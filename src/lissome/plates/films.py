@@ -23,9 +23,9 @@ from .thermal_strain import SigmoidCurve, StrainCurve, TabulatedCurve, fit_sigmo
 
 __all__ = [
     "film_curve",
+    "film_fits",
     "film_laminate",
     "film_layer",
-    "film_region",
     "measured_film_curve",
 ]
 
@@ -294,7 +294,7 @@ def film_laminate(
     )
 
 
-def film_region(
+def film_fits(
     *,
     soft_widths: Sequence[float] = (5.0, 10.0, 15.0, 20.0, 30.0),
     stiff_widths: Sequence[float] = (10.0, 20.0, 30.0, 45.0, 60.0),
@@ -302,7 +302,7 @@ def film_region(
     shapes: Sequence[str] = ("logistic", "gaussian"),
     moduli: Sequence[str] = ("across", "along"),
 ) -> Iterator[dict[str, Any]]:
-    """Yield arguments of :func:`film_laminate` over a grid of what Table A.1 leaves open.
+    """Yield arguments of :func:`film_laminate` that fit Table A.1, over a grid of what it leaves open.
 
     Left out are combinations that contradict Table A.1 or the text: those with which no film can
     have the printed slope, and those in which the soft film does not contract more than the stiff
@@ -327,8 +327,8 @@ def film_region(
     --------
     Every combination is a stack that the table allows:
 
-    >>> from lissome.plates import film_laminate, film_region
-    >>> for arguments in film_region(soft_widths=[12.0], stiff_widths=[25.0], moduli=["across"]):
+    >>> from lissome.plates import film_fits, film_laminate
+    >>> for arguments in film_fits(soft_widths=[12.0], stiff_widths=[25.0], moduli=["across"]):
     ...     stack = film_laminate(**arguments)
     >>> len(stack.layers), "soft_width" in arguments
     (3, True)

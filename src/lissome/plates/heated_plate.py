@@ -21,7 +21,7 @@ from ..evolution import History, Outputs
 from ._quasistatic import PlateRun
 from .conduction import TemperatureHistory
 from .directors import Defect, Director, require_inside
-from .laminate import Laminate, Spontaneous
+from .laminate import Laminate, SpontaneousDeformation
 from .plate import Plate, PlateState
 
 __all__ = ["HeatedPlate"]
@@ -111,7 +111,7 @@ class HeatedPlate:
         moduli: dict[str, Any] = {**self.laminate.moduli(self.length)}
         return Plate(mesh=self.mesh, edges=self.edges, degree=self.degree, **moduli)
 
-    def spontaneous(self, time: float) -> Spontaneous:
+    def spontaneous(self, time: float) -> SpontaneousDeformation:
         """Return what the laminate would do at `time` if nothing held it.
 
         Raises

@@ -26,7 +26,7 @@ from ..errors import InvalidInput, NotConverged
 from .directors import DirectedTensor, Director
 from .thermal_strain import NoStrain, StrainCurve, checked_tensor, transverse_strain
 
-__all__ = ["Laminate", "Layer", "Spontaneous"]
+__all__ = ["Laminate", "Layer", "SpontaneousDeformation"]
 
 Array = NDArray[np.float64]
 Profile = Callable[[Array], ArrayLike]
@@ -225,7 +225,7 @@ class _Reversed:
 
 
 @dataclass(frozen=True, eq=False)
-class Spontaneous:
+class SpontaneousDeformation:
     r"""What a laminate would do if nothing held it: its strain and curvature, and what energy stays.
 
     Attributes
@@ -551,7 +551,7 @@ class Laminate:
         a, b, d = (k * mean + g * deviator for k, g in zip(bulk, shear, strict=True))
         return a, b, d
 
-    def spontaneous(self, temperature: float | Callable[[Array], Array]) -> Spontaneous:
+    def spontaneous(self, temperature: float | Callable[[Array], Array]) -> SpontaneousDeformation:
         r"""Return the spontaneous strain and curvature at a temperature or a temperature profile.
 
         Poisson ratios may differ from layer to layer: mean strain and deviator have their own
@@ -566,7 +566,7 @@ class Laminate:
 
         Returns
         -------
-        Spontaneous
+        SpontaneousDeformation
 
         Raises
         ------
@@ -628,7 +628,7 @@ class Laminate:
         along, across, bent, turned, residual = _refined(
             integrals, panels, getattr(temperature, "accuracy", 0.0)
         )
-        return Spontaneous(along, across, bent, turned, residual, plane)
+        return SpontaneousDeformation(along, across, bent, turned, residual, plane)
 
 
 def _weighted(
