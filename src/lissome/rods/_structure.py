@@ -735,16 +735,23 @@ class Rod(BaseStructure):
         stretches = state.stretches
         if not self.extensible or layout.segment_of:
             stretches = np.where(layout.plan.stretch_column < 0, 1.0, stretches)
-        origin = np.array(state.origin)
-        if any(a is not None for a in layout.anchors):
+        origin = self._origin(quaternions, stretches, state.origin)
+        return _state(quaternions, origin, stretches, angles, now)
+
+    def _origin(self, quaternions: Array, stretches: Array, old: Array) -> Array:
+        """Return the position of node 0, from `old`, that puts anchored nodes where they belong."""
+        origin = np.array(old)
+        anchors = self.layout.anchors
+        places = np.zeros((1, 3))
+        if any(a is not None and a[0] for a in anchors):
             places = np.empty((self.lengths.size + 1, 3))
             _kernel.positions(
                 np.array(quaternions), np.array(stretches), np.array(self.lengths), places
             )
-            for k, anchor in enumerate(layout.anchors):
-                if anchor is not None:
-                    origin[k] = anchor[1] - places[anchor[0], k]
-        return _state(quaternions, origin, stretches, angles, now)
+        for k, anchor in enumerate(anchors):
+            if anchor is not None:
+                origin[k] = anchor[1] - places[anchor[0], k]
+        return origin
 
     def _frames(self, state: RodState) -> Array:
         """Return the frames of segments and supports in `state`, shape (K, 4): quaternions, scalar first."""
@@ -769,22 +776,8 @@ class Rod(BaseStructure):
             plan.axis, plan.stretch_column, plan.first_angle, new, stretches, angles,
         )  # fmt: skip
         quaternions = new[: self.lengths.size]
-        return self._placed(quaternions, stretches, angles, state)
-
-    def _placed(
-        self, quaternions: Array, stretches: Array, angles: Array, old: RodState
-    ) -> RodState:
-        layout = self.layout
-        origin = np.array(old.origin)
-        if any(a is not None and a[0] for a in layout.anchors):
-            places = np.empty((self.lengths.size + 1, 3))
-            _kernel.positions(
-                np.array(quaternions), np.array(stretches), np.array(self.lengths), places
-            )
-            for k, anchor in enumerate(layout.anchors):
-                if anchor is not None:
-                    origin[k] = anchor[1] - places[anchor[0], k]
-        return _state(quaternions, origin, stretches, angles, old.supports)
+        origin = self._origin(quaternions, stretches, state.origin)
+        return _state(quaternions, origin, stretches, angles, state.supports)
 
     def difference(self, a: RodState, b: RodState) -> Array:
         """Return the body increments that lead from `a` to `b`."""
