@@ -355,6 +355,6 @@ def heatmap(
         ax.set_yscale("log")
     with mpl.rc_context(STYLE):
         bar = ax.figure.colorbar(mesh, ax=ax, pad=0.02)
-        bar.ax.set_title(label, fontsize=8, pad=4)  # beside it would be taken for the next axis
+        bar.ax.set_title(label, fontsize=9.5, pad=4)  # beside it would be taken for the next axis
         bar.outline.set_visible(False)
     return mesh
