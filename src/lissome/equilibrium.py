@@ -432,11 +432,13 @@ class _Solver:
             redundant = _redundancy_message(self.structure, self.kkt, self.gauge, self.metric)
             if redundant:
                 return InvalidInput(redundant)
+        return NotConverged(self.diagnosed(message), history=tuple(self.history), state=self.state)
+
+    def diagnosed(self, message: str) -> str:
+        """Return the message with what the structure says of the state, if it says anything."""
         diagnose = getattr(self.structure, "diagnose", None)
         found = None if diagnose is None else diagnose(self.state)
-        if found:
-            message = f"{found} ({message})"
-        return NotConverged(message, history=tuple(self.history), state=self.state)
+        return f"{found} ({message})" if found else message
 
     # ---- directions ------------------------------------------------------------------------------
 
@@ -648,8 +650,10 @@ class _Solver:
             if redundant:
                 raise InvalidInput(redundant)
             raise StabilityNotResolvable(
-                "the KKT matrix is singular to working precision at the stationary point: it is "
-                "critical (a fold or a bifurcation), or a neutral motion is not listed in `gauge`",
+                self.diagnosed(
+                    "the KKT matrix is singular to working precision at the stationary point: it is "
+                    "critical (a fold or a bifurcation), or a neutral motion is not listed in `gauge`"
+                ),
                 **details,
             )
         value, mode, mult = softest_mode(self.kkt, self.plain, self.metric)
