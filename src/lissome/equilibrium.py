@@ -782,6 +782,7 @@ class _Solver:
         """Descend to a minimum."""
         previous = math.inf
         origin = self.state
+        step, stuck = 1.0, 0
         for _ in range(self.max_iterations):
             self.evaluate()
             if self.magnitude(self.structure.difference(origin, self.state)) > 1e8:
@@ -792,7 +793,10 @@ class _Solver:
                 )
             dx, dmult, correction = self.correction_at_hand()
             at_floor = self.residual <= self.noise
-            stalled = at_floor and not correction < 0.5 * previous
+            # Short steps all but at rounding errors: the energy is too flat to tell states apart.
+            near = self.residual <= 1e3 * self.noise and correction <= 1e3 * self.tolerance
+            stuck = stuck + 1 if near and step < 0.1 else 0
+            stalled = stuck >= 3 or (at_floor and not correction < 0.5 * previous)
             previous = correction
             if stalled or (correction <= self.tolerance and self.settled(dmult)):
                 if self.plain is not None and self.plain.is_minimum:
