@@ -806,7 +806,7 @@ class ElasticaHistory:
         >>> print(thrust == list(history.forces[:, 0]))
         True
         """
-        return self.structure.supports_exert(
+        return self.structure._supports_exert(
             self.angles[row], self.curvature[row], self.forces[row]
         )
 

@@ -359,16 +359,16 @@ class Elastica(BaseStructure):
         return equilibrium.as_type(ElasticaEquilibrium)
 
     def reactions(self, equilibrium: Any) -> Reactions:
-        """Return what the supports exert in `equilibrium`; see :meth:`ElasticaEquilibrium.reactions`.
+        """Return what the supports exert in `equilibrium`.
 
-        Forces are in units of bending stiffness over length squared, moments (about z) of bending
-        stiffness over length, positions of the length.
+        See :meth:`lissome.equilibrium.Equilibrium.reactions`. Forces are in units of bending stiffness
+        over length squared, moments (about z) of bending stiffness over length, positions of the length.
         """
-        return self.supports_exert(
+        return self._supports_exert(
             equilibrium.angles, self.present_curvature, equilibrium.multipliers
         )
 
-    def supports_exert(self, angles: Array, curvature: Array, force: Array) -> Reactions:
+    def _supports_exert(self, angles: Array, curvature: Array, force: Array) -> Reactions:
         """Return what the supports exert at given angles, natural curvature and internal force.
 
         Parameters
@@ -577,8 +577,8 @@ class ClampedStrip(Elastica):
         np.cumsum(tangent / self.segments, axis=-2, out=out[..., 1:, :])
         return out
 
-    def supports_exert(self, angles: Array, curvature: Array, force: Array) -> Reactions:
-        """Return what "start" and "end" exert; see :meth:`Elastica.supports_exert`.
+    def _supports_exert(self, angles: Array, curvature: Array, force: Array) -> Reactions:
+        """Return what "start" and "end" exert; see :meth:`Elastica._supports_exert`.
 
         The moment of a clamp is the derivative of the energy by its angle.
 

@@ -635,7 +635,8 @@ class RefinedRibbon(CompiledLaw):
           + \tfrac12 \frac{Y w^5 h}{2} (\nu k_1^2 + k_3^2)^2\, \varphi(k_1/k^*),
         \qquad k^* = \frac{h}{w^2\sqrt{12(1-\nu^2)}}
 
-    with :func:`audoly_neukirch_phi`. At large :math:`k_1/k^*` it is Sadowsky's energy
+    with :func:`~lissome.rods.ribbon_laws.audoly_neukirch_phi`. At large :math:`k_1/k^*` it is Sadowsky's
+    energy
     :math:`\tfrac12 D w (k_1^2+k_3^2)^2/k_1^2`, :math:`D = Y h^3/12(1-\nu^2)`. Without the term
     :math:`\nu k_1^2`, and with :math:`1/(360 + v^2/2)` in place of :math:`\varphi(v)`, which has the
     same limits, it is Sano and Wada's law with :math:`\xi^2 = (1-\nu^2) w^4/60h^2` and a quartic term
