@@ -215,6 +215,8 @@ def test_interactive_figure_is_left_unchanged_and_twinned():
     assert fig.to_json() == before
     assert "plotly-graph-div" in drawing.markup
     assert '"displaylogo":false' in drawing.markup
+    legend = re.search(r'"legend":\{[^}]*\}', drawing.markup).group()
+    assert '"orientation":"h"' in legend  # below the scene, which has the width of a phone
     with Image.open(io.BytesIO(drawing.still)) as twin:
         grey = np.asarray(twin.convert("L"))
         assert (grey < 250).mean() > 0.02  # something is drawn

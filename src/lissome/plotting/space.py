@@ -125,6 +125,9 @@ def show3d(
         height=None,
         width=None,
     )
+    if picture.layout.legend.orientation is None:  # beside the scene it would leave a phone little
+        below = {"orientation": "h", "x": 0.5, "xanchor": "center", "y": 0.0, "yanchor": "top"}
+        picture.update_layout(legend=below)
     line = "rgba(128,136,146,0.45)"
     wall = {"showbackground": False, "gridcolor": line, "zerolinecolor": line}
     picture.update_scenes(xaxis=wall, yaxis=wall, zaxis=wall)
