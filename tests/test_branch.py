@@ -969,3 +969,22 @@ def test_a_structure_whose_constraints_leave_nothing_free_is_followed():
     assert branch.table.stable.all()
     assert not branch.events
     assert branch.table.smallest_eigenvalue.isna().all()
+
+
+def test_a_branch_turns_where_it_crosses_another_one_at_a_pitchfork():
+    # From x = 1 to its mirror image x = -1, both stable: at p = 0 the parameter turns, the index not.
+    branch = follow(pitchfork, 1.0, -1.0, initial=VectorState([1.0]), bounds=(None, 1.0), outputs=X)
+    turn = branch.events[0]
+    assert (turn.kind, turn.index_before, turn.index_after) == ("fold", 0, 0)
+    assert abs(turn.parameter) <= turn.uncertainty < 1e-8
+    assert kinds(branch) == ["fold", "end"]
+    assert branch.table.x.iloc[-1] == pytest.approx(-1.0, abs=1e-9)
+    off = branch.table[branch.table.x.abs() > 1e-3]
+    assert off.parameter.to_numpy() == pytest.approx((off.x**2).to_numpy(), abs=1e-9)
+
+
+def test_brackets_are_as_short_as_asked_for():
+    wide = follow(pitchfork, -1.0, 2.0, event_tolerance=1e-3).events[0]
+    narrow = follow(pitchfork, -1.0, 2.0).events[0]
+    assert abs(wide.parameter) <= wide.uncertainty <= 3e-3
+    assert abs(narrow.parameter) <= narrow.uncertainty <= 1e-7

@@ -52,7 +52,7 @@ def straight(
         Lengths of the segments of a non-uniform mesh, in place of `length` and `segments`.
     tangent, director, origin
         Directions of the center line and of d1, and the position of node 0.
-    scheme : {"staggered", "cells", "nodal"}
+    scheme : {"staggered", "cells", "moments", "nodal"}
         Where rulings live; see :class:`Ribbon`.
 
     Returns
