@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import lissome as ls
-from lissome import plates, rods
+from lissome import beams, plates, rods
 from lissome.errors import InvalidInput
 
 LAW = rods.Kirchhoff(bending=(1.0, 2.0), twisting=1.0)
@@ -89,6 +89,16 @@ def test_what_is_near_to_a_structure_gets_the_nearest_remedy():
         ls.smallest_eigenvalue(COLUMN, RESTING)
     with pytest.raises(InvalidInput, match=r"name.*function"):
         ls.follow(family, 0.0, 1.0, outputs={"load": 3.0})
+
+
+def test_a_start_is_a_state_of_the_same_kind():
+    well, strip = ls.DenseStructure(**WELL), beams.ClampedStrip(span=0.9, segments=8)
+    for structure in (well, strip, COLUMN):
+        for value in ([1.0], (1.0,), np.ones(1), 1.0, "state", {"x": 1.0}):
+            with pytest.raises(InvalidInput, match="argument `start` is of type"):
+                ls.equilibrate(structure, start=value)
+    with pytest.raises(InvalidInput, match="argument `start` is of type VectorState"):
+        ls.equilibrate(strip, start=well.start())
 
 
 def test_an_end_that_is_thrown_behind_its_clamp_asks_for_smaller_steps():

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from .errors import InvalidInput
 
 __all__ = [
+    "PLAIN",
     "finite",
     "finite_array",
     "functions",
@@ -31,6 +32,8 @@ __all__ = [
 ]
 
 _LONGEST_REPR = 80
+#: Kinds of values that are hardly ever states.
+PLAIN = (numbers.Number, str, Sequence, Mapping, np.ndarray)
 
 
 def _shown(value: Any) -> str:

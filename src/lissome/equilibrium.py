@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._validate import finite, finite_array, integer_at_least, one_of, structure_like
+from ._validate import PLAIN, finite, finite_array, integer_at_least, one_of, structure_like
 from .errors import (
     FactorizationError,
     InvalidInput,
@@ -994,6 +994,11 @@ def equilibrate(
         if multipliers is None and start.multipliers.shape == (m,):
             multipliers = start.multipliers
         start = start.state
+    if isinstance(start, PLAIN) and not isinstance(start, type(structure.start())):
+        raise InvalidInput(
+            f"argument `start` is of type {type(start).__name__}; pass a state, such as "
+            "`structure.start()`, or an Equilibrium"
+        )
     state = structure.start() if start is None else structure.adopt(start)
     if multipliers is None:
         guess = _estimate_multipliers(structure, state)

@@ -12,15 +12,13 @@ are those of the second variation per unit length (or area), and converge as the
 from __future__ import annotations
 
 import math
-import numbers
-from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._validate import finite_array, integer_at_least, structure_like
+from ._validate import PLAIN, finite_array, integer_at_least, structure_like
 from .errors import FactorizationError, InvalidInput, NotConverged
 from .factorization import Factorization, KKTMatrix
 
@@ -338,7 +336,8 @@ def smallest_eigenvalue(
         if state is None:
             raise InvalidInput("argument `state` is missing; pass the state, or an Equilibrium")
         structure = structure_like("structure", structure)
-        if isinstance(state, (numbers.Number, str, Sequence, Mapping, np.ndarray, Equilibrium)):
+        plain = isinstance(state, PLAIN) and not isinstance(state, type(structure.start()))
+        if plain or isinstance(state, Equilibrium):
             raise InvalidInput(
                 f"argument `state` is of type {type(state).__name__}; pass a state, such as "
                 "`structure.start()` or the `state` of an Equilibrium"

@@ -256,6 +256,10 @@ class Elastica(BaseStructure):
         InvalidInput
             If `state` has another number of angles.
         """
+        if not isinstance(state, ElasticaState):
+            raise InvalidInput(
+                f"argument `start` is of type {type(state).__name__}; pass an ElasticaState"
+            )
         angles = np.array(state.angles)
         if angles.shape != (self.angles_count,):
             raise InvalidInput(
