@@ -460,6 +460,7 @@ class Follower:
         s = self.settings
         reason = ""
         metric = self._metric(self.anchor)
+        longest = self.ds
         while True:
             ds = min(self.ds, s.max_step / s.range)
             if ds < _SHORTEST_STEP:
@@ -492,6 +493,11 @@ class Follower:
                     metric, point.dx - ds * t.dx, point.dp - ds * t.dp
                 ) / ds  # fmt: skip
                 if deviation > _LARGEST_DEVIATION:
+                    if ds < 1e-3 * longest:
+                        # Steps as short as this follow the tangent. The one at hand was that of the
+                        # step before (see `_next_tangent`), behind which the branch bent sharply.
+                        self.tangent = self._tangent_at(self.anchor, self.parameter, (t.dx, t.dp))
+                        self.bend, longest = None, 0.0  # once
                     raise CorrectionFailed(f"the branch bends by {deviation:.2g} of the step")
                 tangent = self._next_tangent(point, deviation)
                 if ds > 1e-5:

@@ -63,3 +63,29 @@ def test_ribbon_without_twist_knows_no_width():
               for w, s in ((0.05, True), (0.2, True), (0.1, False))]  # fmt: skip
     assert np.allclose(shapes[0], shapes[1], atol=1e-10)
     assert np.allclose(shapes[0], shapes[2], atol=1e-10)
+
+
+def test_small_snaps_are_found_with_long_and_short_steps():
+    """Next to a clamp one hinge flips; the branch bends sharply behind steps that were straight."""
+    unit = np.sqrt(np.pi * 108.0 * 0.2)
+    width, thickness = 1.12 * unit / 108.0, 0.2 / 108.0
+    law = rods.SanoWada.from_geometry(
+        width, thickness, 12 / (width * thickness**3), poisson_ratio=0.3
+    )
+    arch = rods.arc(law=law, lengths=np.full(50, np.pi / 50), angle=np.pi, director=(0, 1, 0),
+                    origin=(-1, 0, 0), stress_free=False)  # fmt: skip
+
+    def clamp(angle, tangent):
+        across, along = np.array([-np.sin(angle), np.cos(angle), 0.0]), np.array([0, 0, tangent])
+        return np.array([across, np.cross(along, across), along])
+
+    def turned(angle):
+        strip = arch.clamped("start", (-1, 0, 0), clamp(angle, 1.0))
+        return strip.clamped("end", (1, 0, 0), clamp(-angle, -1.0))
+
+    snaps = []
+    for step in (0.5, 0.1):
+        found = ls.follow(turned, 0.0, 1.9, on_fold="snap", eigenvalues=False, max_step=step)
+        snaps.append([event.parameter for event in found.events if event.kind == "snap"])
+    assert len(snaps[0]) == 2
+    assert snaps[0] == pytest.approx(snaps[1], abs=1e-6)
