@@ -236,6 +236,23 @@ def test_twin_draws_meshes_and_curves():
     assert len(ax.lines) == 1
 
 
+def test_twin_has_the_colors_of_the_figure():
+    tetrahedron = {"x": [0, 1, 0, 0], "y": [0, 0, 1, 0], "z": [0, 0, 0, 1]}
+    faces = {"i": [0, 0, 0], "j": [1, 2, 3], "k": [2, 3, 1]}
+    line = go.Scatter3d(x=[0, 1], y=[0, 1], z=[0, 1], mode="lines", line={"color": "#00876a"})
+    flat = [[0, "#d55e00"], [1, "#d55e00"]]
+    sheet = go.Surface(z=[[0, 1], [1, 0]], colorscale=flat)
+    mesh = go.Mesh3d(**tetrahedron, **faces, color="#a03d84")
+    (ax,) = plotting.static_twin(go.Figure([line, mesh, sheet])).axes
+    assert ax.lines[0].get_color() == "#00876a"
+    for collection, hue in zip(ax.collections, ("#a03d84", "#d55e00"), strict=True):
+        shades = collection.get_facecolor()[:, :3]
+        brightest = shades[np.argmax(shades.sum(axis=1))]
+        target = np.array(mpl.colors.to_rgb(hue))
+        cosine = brightest @ target / np.linalg.norm(brightest) / np.linalg.norm(target)
+        assert cosine > 0.999  # light changes the brightness, not the hue
+
+
 @pytest.mark.parametrize(("angle", "expected"), [(0.0, [0, -1]), (np.pi / 2, [1, 0])])
 def test_ray_direction(angle, expected):
     np.testing.assert_allclose(plotting.ray_direction(angle), expected, atol=1e-15)

@@ -155,6 +155,19 @@ def show3d(
     return Drawing(markup=markup, still=still, alt=alt)
 
 
+def _hue_of(trace: Any) -> str | None:
+    """Return the one color of a trace as ``#rrggbb``, or None if it has none or several."""
+    hue = None
+    if trace.type == "mesh3d":
+        hue = trace.color
+    elif trace.type == "scatter3d":
+        hue = trace.line.color
+    elif trace.type == "surface" and trace.colorscale is not None:
+        hues = {hue for _, hue in trace.colorscale}
+        hue = hues.pop() if len(hues) == 1 else None
+    return hue if isinstance(hue, str) and hue.startswith("#") else None
+
+
 def static_twin(fig: Any) -> Any:
     """Draw the traces of a 3-D plotly figure with matplotlib.
 
@@ -185,7 +198,7 @@ def static_twin(fig: Any) -> Any:
     ends = []
     shown = [trace for trace in fig.data if trace.visible in (None, True)]
     for number, trace in enumerate(shown):
-        hue = PALETTE[SERIES[number % len(SERIES)]].light
+        hue = _hue_of(trace) or PALETTE[SERIES[number % len(SERIES)]].light
         if trace.type == "surface":
             z = np.asarray(trace.z, dtype=float)
             x = np.arange(z.shape[1]) if trace.x is None else np.asarray(trace.x, dtype=float)
