@@ -11,6 +11,7 @@ import pytest
 import lissome as ls
 from lissome import beams, plates, rods
 from lissome.errors import InvalidInput
+from lissome.plates import meshes
 
 LAW = rods.Kirchhoff(bending=(1.0, 2.0), twisting=1.0)
 COLUMN = rods.straight(1.0, 8, LAW).clamped("start")
@@ -105,6 +106,14 @@ def test_an_end_that_is_thrown_behind_its_clamp_asks_for_smaller_steps():
     rod = rods.straight(1.0, 20, LAW).clamped("start")
     with pytest.raises(ls.NotConverged, match="start nearer, or go there in small steps"):
         ls.equilibrate(rod.clamped("end", position=(0.0, 0.0, -0.9)))
+
+
+@pytest.mark.parametrize("name", ["bending", "stretching", "pressure", "strain", "curvature"])
+@pytest.mark.parametrize("function", [lambda x: x, lambda x, y: "abc"], ids=["one", "text"])
+def test_a_field_on_a_plate_that_fails_is_named(name, function):
+    fields = {"mesh": meshes.rectangle(divisions=1), "bending": 1e-4, "poisson_ratio": 0.3}
+    with pytest.raises(InvalidInput, match=f"the function `{name}` failed, or returned no array"):
+        ls.equilibrate(plates.Plate(**{**fields, "edges": "clamped", name: function}))
 
 
 @pytest.mark.parametrize("name", ["soft_width", "stiff_width", "stiff_transition"])

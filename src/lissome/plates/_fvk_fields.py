@@ -16,7 +16,13 @@ Field = Callable[[Array], Array]
 
 
 def _called(name: str, function: Any, x: Array, head: tuple[int, ...]) -> Array:
-    value = np.asarray(function(x[..., 0], x[..., 1]), dtype=float)
+    try:
+        value = np.asarray(function(x[..., 0], x[..., 1]), dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"the function `{name}` failed, or returned no array of numbers: {error}; it must take "
+            "arrays (x, y) of one shape"
+        ) from error
     wanted = (*head, *x.shape[:-1])
     try:
         if value.shape == head:  # a constant
