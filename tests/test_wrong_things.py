@@ -96,7 +96,7 @@ def test_a_start_is_a_state_of_the_same_kind():
     well, strip = ls.DenseStructure(**WELL), beams.ClampedStrip(span=0.9, segments=8)
     for structure in (well, strip, COLUMN):
         for value in ([1.0], (1.0,), np.ones(1), 1.0, "state", {"x": 1.0}):
-            with pytest.raises(InvalidInput, match="argument `start` is of type"):
+            with pytest.raises(InvalidInput, match=r"argument `(start|state)`"):
                 ls.equilibrate(structure, start=value)
     with pytest.raises(InvalidInput, match="argument `start` is of type VectorState"):
         ls.equilibrate(strip, start=well.start())

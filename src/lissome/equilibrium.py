@@ -994,12 +994,12 @@ def equilibrate(
         if multipliers is None and start.multipliers.shape == (m,):
             multipliers = start.multipliers
         start = start.state
-    if isinstance(start, PLAIN) and not isinstance(start, type(structure.start())):
+    state = structure.start() if start is None else structure.adopt(start)
+    if isinstance(state, PLAIN) and not isinstance(state, type(structure.start())):
         raise InvalidInput(
             f"argument `start` is of type {type(start).__name__}; pass a state, such as "
             "`structure.start()`, or an Equilibrium"
         )
-    state = structure.start() if start is None else structure.adopt(start)
     if multipliers is None:
         guess = _estimate_multipliers(structure, state)
     else:

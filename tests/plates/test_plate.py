@@ -454,7 +454,7 @@ def test_bad_meshes_are_refused():
 def test_states_of_other_meshes_are_refused():
     with pytest.raises(InvalidInput, match="another mesh"):
         ls.equilibrate(dome(2), dome(3).start())
-    with pytest.raises(InvalidInput, match="of type ndarray; pass a state"):
+    with pytest.raises(InvalidInput, match="ndarray; it must be a PlateState"):
         ls.equilibrate(dome(2), np.zeros(dome(2).space.size))
     with pytest.raises(InvalidInput, match="not in the mesh"):
         dome(2).deflection_at([[2.0, 0.0]], dome(2).start())
