@@ -24,7 +24,7 @@ FLOORS = [
     {"ribbons"},
     {"judges"},
     {"scoreboard"},
-    {"plotting"},
+    {"plotting", "notebook"},
 ]  # fmt: skip
 
 

@@ -58,6 +58,7 @@ _SUBMODULES: tuple[str, ...] = (
     "factorization",
     "judges",
     "literature",
+    "notebook",
     "plates",
     "reactions",
     "ribbons",
