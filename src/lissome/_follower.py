@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _archive
+from . import _archive, _progress
 from ._branch_file import needed, not_of_family, pack, settings_from, unpack
 from ._branch_records import BranchInterrupted, Event, Outputs, Row, Settings
 from ._corrector import (
@@ -355,8 +355,12 @@ class Follower:
 
     # -- the walk -------------------------------------------------------------------------------
 
-    def run(self) -> None:
+    def run(self, progress: bool | None = None) -> None:
         """Walk to the end of the branch."""
+        with _progress.bar("follow", progress, unit=" steps") as bar:
+            self._walk(bar)
+
+    def _walk(self, bar: Any) -> None:
         try:
             while not self.finished:
                 if self.steps >= self.settings.max_steps:
@@ -366,6 +370,9 @@ class Follower:
                     )
                 self.steps += 1
                 self._advance()
+                bar.update()
+                if not bar.disable:
+                    bar.set_postfix_str(f"parameter {self.parameter:.6g}", refresh=False)
                 if self.checkpoint and time.monotonic() - self.written > self.checkpoint_every:
                     self._write()
         finally:

@@ -141,6 +141,7 @@ class Branch:
         bounds: tuple[float, float] | None = None,
         mode: int | Array = 0,
         amplitude: float | None = None,
+        progress: bool | None = None,
         **options: Any,
     ) -> Branch:
         """Follow the branch that crosses this one at a bifurcation.
@@ -170,6 +171,8 @@ class Branch:
             of it only.
         amplitude : float, optional
             Distance of the first state, in units of the arclength. By default several are tried.
+        progress : bool, optional
+            As of :func:`follow`.
         **options
             Anything that :func:`follow` takes, to replace the settings of this branch:
             ``report_at``, ``on_fold``, ``step``, ``max_step``, ``max_steps``, ``outputs``, ...
@@ -223,7 +226,7 @@ class Branch:
         )  # fmt: skip
         follower = Follower(self.family, settings, outputs, None, 0.0, self.derivative)
         return _walked(
-            follower, lambda: follower.begin_at_bifurcation(event, sign, mode, amplitude)
+            follower, lambda: follower.begin_at_bifurcation(event, sign, mode, amplitude), progress
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -279,6 +282,7 @@ def follow(
     residual_derivative: Slope | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = 2.0,
+    progress: bool | None = None,
 ) -> Branch:
     r"""Follow the equilibria of a family of structures from one parameter value to another.
 
@@ -335,6 +339,8 @@ def follow(
         is no equilibrium of it.
     checkpoint_every : float, optional
         Seconds between two writings.
+    progress : bool, optional
+        Count the steps on stderr, after two seconds. By default only if that is a terminal.
 
     Returns
     -------
@@ -406,10 +412,10 @@ def follow(
         if checkpoint is None or not follower.resume():
             follower.begin(initial)
 
-    return _walked(follower, begin)
+    return _walked(follower, begin, progress)
 
 
-def _walked(follower: Follower, begin: Callable[[], None]) -> Branch:
+def _walked(follower: Follower, begin: Callable[[], None], progress: bool | None) -> Branch:
     """Return the branch that was walked; what interrupts the walk carries what was found."""
 
     def branch() -> Branch:
@@ -421,7 +427,7 @@ def _walked(follower: Follower, begin: Callable[[], None]) -> Branch:
 
     try:
         begin()
-        follower.run()
+        follower.run(progress)
     except BranchInterrupted as error:
         error.branch = branch()
         raise

@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from . import _archive
+from . import _archive, _progress
 from ._corrector import (
     Balanced,
     CorrectionFailed,
@@ -429,6 +429,7 @@ def evolve(
     stop_when: Callable[[float, Any, Equilibrium], str | None] | None = None,
     max_steps: int = 1_000_000,
     compiled: bool = True,
+    progress: bool | None = None,
 ) -> History:
     r"""Advance what changes in time, with the structure at stable equilibrium throughout.
 
@@ -476,6 +477,8 @@ def evolve(
         Number of accepted steps after which the attempt is given up.
     compiled : bool, optional
         Use the compiled march of `evolving` if it has one. It has fixed steps and one correction.
+    progress : bool, optional
+        Show a progress bar on stderr, after two seconds. By default only if that is a terminal.
 
     Returns
     -------
@@ -536,7 +539,7 @@ def evolve(
         march=getattr(evolving, "march", None) if compiled else None,
     )
     run.begin(memory, equilibrium, finite("time", time))
-    return run.run()
+    return run.run(progress)
 
 
 @dataclass(frozen=True)
@@ -711,14 +714,20 @@ class _Evolution:
 
     # -- steps ------------------------------------------------------------------------------------
 
-    def run(self) -> History:
+    def run(self, progress: bool | None) -> History:
+        with _progress.bar("evolve", progress, float(self.until - self.time)) as bar:
+            return self.walk(bar)
+
+    def walk(self, bar: Any) -> History:
         for target in self.targets:
             while self.time < target:
                 if self.steps >= self.max_steps:
                     raise self.interrupted(
                         f"{self.steps} steps have been taken (`max_steps`) before the end"
                     )
+                before = self.time
                 self.onward(target)
+                bar.update(self.time - before)
                 said = None
                 if self.stop_when is not None:
                     equilibrium = as_equilibrium(self.balanced)

@@ -15,12 +15,12 @@ import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
+from . import _progress
 from ._executors import Workers, is_client, worker_died
 from ._points import (
     Asker,
@@ -38,6 +38,9 @@ from ._sources import library_changed, library_sources
 from ._validate import one_of
 from ._work import Work
 from .errors import CacheWarning, InvalidInput, SweepFailed
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 __all__ = ["sweep"]
 
@@ -246,10 +249,8 @@ class _Run:
         pending = [index for index in range(len(self.points)) if index not in self.outcomes]
         if not pending:
             return
-        # tqdm's None means: only on a terminal.
-        hidden = None if progress is None else not progress
-        with tqdm(
-            total=len(self.points), initial=self.cached, desc=self.label, disable=hidden
+        with _progress.bar(
+            self.label, progress, len(self.points), initial=self.cached, delay=0.0
         ) as bar:
             if executor == "serial":
                 self._serially(pending, bar)

@@ -154,6 +154,7 @@ class HeatedPlate:
         max_change: float = 0.25,
         max_steps: int = 100_000,
         checkpoint: str | os.PathLike[str] | None = None,
+        progress: bool | None = None,
     ) -> History:
         """Follow the plate in time, through its bifurcations and snaps.
 
@@ -168,7 +169,7 @@ class HeatedPlate:
             default. Before heat has come in the flat plate is all there is.
         initial : Equilibrium or PlateState, optional
             From where to look for that first equilibrium, instead of the flat plate.
-        report_at, outputs, stop_when, max_steps
+        report_at, outputs, stop_when, max_steps, progress
             See :func:`lissome.evolve`.
         sign : int
             +1 or -1: side of the critical mode that is tried first where a symmetry is lost.
@@ -236,7 +237,7 @@ class HeatedPlate:
             march=None, checkpoint=checkpoint, earlier=earlier,
         )  # fmt: skip
         run.begin(first, begin, first)
-        history = run.run()
+        history = run.run(progress)
         return history if earlier is None else earlier.joined(history)
 
 
