@@ -1,5 +1,7 @@
 """tools/bench.py: ratios to what each time is held against; anything unclear is refused."""
 
+import subprocess
+
 import pytest
 
 
@@ -84,3 +86,25 @@ def test_fingerprint_follows_the_sources(bench, tmp_path):
 def test_names_of_the_machine_are_found(bench):
     assert bench.processor()
     assert bench.commit()
+
+
+def test_results_of_an_earlier_run_are_no_change_of_the_commit(bench, tmp_path):
+    assert bench.commit(tmp_path) == "unknown"
+
+    def git(*command):
+        who = ("-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false")
+        subprocess.run(["git", *who, *command], cwd=tmp_path, check=True, capture_output=True)
+
+    results, source = tmp_path / "benchmarks" / "results.json", tmp_path / "a.py"
+    results.parent.mkdir()
+    results.write_text("{}")
+    source.write_text("x = 1")
+    git("init")
+    git("add", ".")
+    git("commit", "-m", "first")
+    name = bench.commit(tmp_path)
+    assert len(name) == 12
+    results.write_text("{ }")
+    assert bench.commit(tmp_path) == name
+    source.write_text("x = 2")
+    assert bench.commit(tmp_path) == f"{name}-dirty"

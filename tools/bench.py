@@ -45,14 +45,27 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def commit() -> str:
-    """Return the commit, marked if files differ from it; 'unknown' outside a repository."""
-    command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+def commit(root: Path = ROOT) -> str:
+    """Return the commit, marked if files differ from it; 'unknown' outside a repository.
+
+    What an earlier run has left in benchmarks/results.json is no difference.
+    """
+
+    def said(*command: str) -> str:
+        done = subprocess.run(
+            ["git", *command], cwd=root, capture_output=True, text=True, check=True
+        )
+        return done.stdout.strip()
+
     try:
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        name = said("rev-parse", "--short=12", "HEAD")
+        changed = said(
+            "status", "--porcelain", "--untracked-files=no",
+            "--", ".", ":(exclude)benchmarks/results.json",
+        )  # fmt: skip
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    return done.stdout.strip()
+    return f"{name}-dirty" if changed else name
 
 
 def versions() -> dict[str, str]:
