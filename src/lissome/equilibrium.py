@@ -946,7 +946,10 @@ def equilibrate(
         stationary point near the start, whatever its index; see ``Equilibrium.stable``.
     tolerance : float, optional
         Size of the last Newton correction relative to the typical unknowns, 1e-9 by default. The
-        correction is still applied, so that the error is of the order of its square.
+        correction is still applied, so that the error is of the order of its square. Where rounding
+        errors of the residual ask for larger corrections (a structure that hardly resists some motion)
+        it cannot be had: the solve ends when they are all that is left, or, if only short steps lower
+        the energy, within a thousand times of it. The last entry of `history` tells the correction.
     max_iterations : int
         Limit of Newton iterations.
     on_iteration : callable, optional

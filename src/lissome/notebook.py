@@ -135,7 +135,8 @@ def explain_assertions() -> None:
     """Have failed assertions of this notebook or script say what they mean.
 
     The error stays what it is and stops the run as before; a note is added to it. Assertions that
-    fail within a library are left alone.
+    fail within a library are left alone. In IPython this takes the place of other handlers that were
+    set with ``set_custom_exc``.
 
     Examples
     --------
