@@ -414,6 +414,51 @@ def test_workers_never_run_other_code_than_this_process(tmp_path, library):
     assert "mine.g was edited" in fourth
 
 
+ENDING = """
+    import atexit, importlib, json, os, signal, sys, threading, time
+    from pathlib import Path
+    import loky.backend.queues as queues
+    feed = queues.Queue._feed
+    def slowly(*arguments):  # a thread to which the system gives no processor when it should end
+        feed(*arguments)
+        time.sleep(0.3)
+    queues.Queue._feed = staticmethod(slowly)
+    def report():
+        bystanders = {"MainThread", "tqdm_monitor"}
+        print(json.dumps([t.name for t in threading.enumerate() if t.name not in bystanders]))
+    atexit.register(report)
+    import lissome, mine
+    def replaced():
+        lissome.sweep(mine.g, {"x": [1]})
+        Path("mine.py").write_text("def g(x):\\n    return x * 30\\n")
+        importlib.reload(mine)
+        Path("mine.py").write_text("def g(x):\\n    return x * 400\\n")
+        try:
+            lissome.sweep(mine.g, {"x": [1]})
+        except lissome.SweepFailed as error:
+            assert "mine.g was edited" in str(error)
+    def interrupted():
+        def asks_to_be_interrupted(x):
+            os.kill(asker, signal.SIGINT)
+            time.sleep(60)
+        asker = os.getpid()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            lissome.sweep(asks_to_be_interrupted, {"x": [1]})
+        except KeyboardInterrupt:
+            pass
+    if __name__ == "__main__":
+        {"replaced": replaced, "interrupted": interrupted}[sys.argv[1]]()
+"""
+
+
+@pytest.mark.parametrize("how", ["replaced", "interrupted"])
+def test_no_thread_of_dismissed_workers_outlives_the_interpreter(tmp_path, library, how):
+    # Such a thread removes semaphores; killed amid that, it makes a leak be reported on stderr.
+    (tmp_path / "mine.py").write_text("def g(x):\n    return x * 2\n")
+    assert script(tmp_path, ENDING, how, path=library) == []
+
+
 def test_what_cannot_be_followed_is_refused_only_with_a_cache(tmp_path):
     generator = np.random.default_rng(1)
 

@@ -6,6 +6,7 @@ name would take the function's place as soon as somebody imported it.
 
 from __future__ import annotations
 
+import atexit
 import concurrent.futures
 import functools
 import inspect
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 __all__ = ["sweep"]
 
 _Outcome = Result | Failure
+_PATIENCE = 5.0  # seconds that a thread which is about to end is given
 
 
 def sweep(
@@ -147,6 +149,23 @@ def sweep(
         run.open(cache)
     run.execute(executor, progress)
     return run.table()
+
+
+def _dismiss(executor: Any, wait: bool) -> None:
+    """Shut an executor of loky down and kill its workers.
+
+    The thread that feeds them is a daemon, and nobody joins it. Once the executor is gone it is the
+    last that holds semaphores: an interpreter that ends while it removes one leaves that one on the
+    books of the process that tracks them, which then reports a leak on stderr. Hence it is awaited
+    here, or at exit; not for ever, because it may be stuck in a pipe that nobody reads any more.
+    """
+    feeder = getattr(getattr(executor, "_call_queue", None), "_thread", None)
+    executor.shutdown(wait=wait, kill_workers=True)
+    if feeder is not None:
+        if wait:
+            feeder.join(_PATIENCE)
+        else:
+            atexit.register(feeder.join, _PATIENCE)
 
 
 class _StaleWorkersError(Exception):
@@ -290,13 +309,13 @@ class _Run:
                 return
             except _StaleWorkersError as stale:
                 # They may be left from a former sweep, before a module was reloaded.
-                executor.shutdown(wait=True, kill_workers=True)
+                _dismiss(executor, wait=True)
                 if last:
                     raise self._stale(stale.index, stale.name) from None
                 pending = [index for index in pending if index not in self.outcomes]
             except BaseException as error:
                 if not isinstance(error, Exception):  # an interruption: wait for nothing
-                    executor.shutdown(wait=False, kill_workers=True)
+                    _dismiss(executor, wait=False)
                 raise
 
     def _concurrently(self, pending: list[int], bar: tqdm[Any], workers: Workers) -> None:
