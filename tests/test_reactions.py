@@ -35,6 +35,8 @@ def test_forces_at_two_places_have_a_moment_about_any_third():
     assert found[7] is found["a"] is ones[0]
     assert found[np.array([0, 1])] is ones[1]
     assert ("a" in found, "b" in found, len(found)) == (True, False, 2)
+    assert found.get("a") is ones[0]
+    assert (found.get("b"), found.get("b", 5), found.get(np.array(3))) == (None, 5, None)
     table = found.to_frame()
     assert list(table.support) == ["a", (0.0, 1.0)]
     assert list(table[["force_x", "force_y", "force_z"]].iloc[1]) == list(ones[1].force)

@@ -140,8 +140,8 @@ class Reactions(Mapping[Hashable, Reaction]):
         self._aliases = dict(aliases or {})
 
     def __getitem__(self, where: Any) -> Reaction:
-        name = tuple(where) if isinstance(where, (list, np.ndarray)) else where
         try:
+            name = tuple(where) if isinstance(where, (list, np.ndarray)) else where
             return self._found[self._aliases.get(name, name)]
         except (KeyError, TypeError):
             known = ", ".join(repr(name) for name in self._found) or "none"
@@ -155,6 +155,10 @@ class Reactions(Mapping[Hashable, Reaction]):
         except InvalidInput:
             return False
         return True
+
+    def get(self, where: Any, default: Any = None) -> Any:
+        """Return the reaction of a support, or `default` if there is no such support."""
+        return self[where] if where in self else default
 
     def __iter__(self) -> Iterator[Hashable]:
         return iter(self._found)
