@@ -158,7 +158,10 @@ class Reactions(Mapping[Hashable, Reaction]):
 
     def get(self, where: Any, default: Any = None) -> Any:
         """Return the reaction of a support, or `default` if there is no such support."""
-        return self[where] if where in self else default
+        try:
+            return self[where]
+        except InvalidInput:
+            return default
 
     def __iter__(self) -> Iterator[Hashable]:
         return iter(self._found)
