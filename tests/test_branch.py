@@ -822,7 +822,7 @@ from lissome import DenseStructure, follow
 from lissome.structure import VectorState
 
 def family(p):
-    time.sleep({pause})
+    time.sleep({pause} if p < 0.5 else {stop})
     return DenseStructure([0.0], lambda x: x[0]**4 / 4 - x[0]**2 / 2 - p * x[0],
         lambda x: x**3 - x - p, lambda x: np.diag(3 * x**2 - 1), check=False)
 
@@ -835,15 +835,15 @@ print(len(branch.events), branch.events[1].parameter)
 
 def test_a_killed_run_goes_on_from_its_checkpoint(tmp_path):
     whole = tmp_path / "whole.csv"
-    script = _SCRIPT.format(pause=0, path=str(tmp_path / "whole.npz"), table=str(whole))
+    script = _SCRIPT.format(pause=0, stop=0, path=str(tmp_path / "whole.npz"), table=str(whole))
     plain = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     checkpoint, table = tmp_path / "run.npz", tmp_path / "run.csv"
-    slow = _SCRIPT.format(pause=0.002, path=str(checkpoint), table=str(table))
+    slow = _SCRIPT.format(pause=0.002, stop=600, path=str(checkpoint), table=str(table))
     process = subprocess.Popen([sys.executable, "-c", slow])
     family = lambda p: hysteresis(p)  # noqa: E731
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 120
     rows = 0
     while rows < 20 and time.monotonic() < deadline:
         time.sleep(0.02)
@@ -855,7 +855,7 @@ def test_a_killed_run_goes_on_from_its_checkpoint(tmp_path):
     part = Branch.load(checkpoint, family)
     assert len(part) >= 20
     assert not part.finished
-    fast = _SCRIPT.format(pause=0, path=str(checkpoint), table=str(table))
+    fast = _SCRIPT.format(pause=0, stop=0, path=str(checkpoint), table=str(table))
     resumed = subprocess.run(
         [sys.executable, "-c", fast], capture_output=True, text=True, check=True
     )

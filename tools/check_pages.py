@@ -16,7 +16,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
@@ -27,7 +27,7 @@ from urllib.parse import unquote, urlsplit
 
 PAGE_LIMIT = 8e6  # bytes of HTML
 BOOK_LIMIT = 60e6  # bytes of everything
-PATIENCE = 10  # half seconds until a figure must have been drawn, or a page turned dark
+PATIENCE = 10  # half seconds until a page must show what it should: figures, the dark, a turn
 PHONE = {"width": 390, "height": 844}
 FINGER = 40  # pixels that a control must be high to be met
 DESK = {"width": 1280, "height": 900}
@@ -93,6 +93,9 @@ LOOK = r"""
   };
 }
 """
+
+#: What stands in a figure that is drawn.
+DRAWN = "canvas, svg.main-svg"
 
 WIDE = r"""
 () => {
@@ -216,6 +219,15 @@ def colors_in(png: bytes) -> int:
     return len(colors) if colors else 160 * 120
 
 
+def _comes(tab, ask: Callable[..., object], *about: object) -> bool:
+    """Tell whether something comes true as long as there is patience: a machine may be busy."""
+    for _ in range(PATIENCE):
+        if ask(*about):
+            return True
+        tab.wait_for_timeout(500)
+    return bool(ask(*about))
+
+
 def _settle(tab) -> None:
     """Wait until fonts, equations and figures have come to rest."""
     tab.wait_for_load_state("load")
@@ -224,6 +236,7 @@ def _settle(tab) -> None:
     for figure in tab.query_selector_all(".plotly-graph-div"):
         figure.scroll_into_view_if_needed()
         tab.wait_for_timeout(600)
+        _comes(tab, figure.query_selector, DRAWN)  # else it is blamed later
     tab.evaluate("() => window.scrollTo(0, 0)")
     tab.wait_for_timeout(350)  # side bars slide into place
 
@@ -233,13 +246,8 @@ def _check_figures(tab, page: Page) -> None:
         if not figure.is_visible():
             continue
         name = figure.get_attribute("id")
-        for _ in range(PATIENCE):
-            count = colors_in(figure.screenshot())
-            if count > 20:
-                break
-            tab.wait_for_timeout(500)
-        else:
-            page.blame("figure is blank", f"{name}, {count} colors")
+        if not _comes(tab, lambda plot: colors_in(plot.screenshot()) > 20, figure):
+            page.blame("figure is blank", f"{name}, {colors_in(figure.screenshot())} colors")
 
 
 def _swipe(tab, x: float, y: float, by: float) -> None:
@@ -276,17 +284,18 @@ def _check_touch(browser, page: Page) -> None:
             x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
             began, camera = tab.evaluate("scrollY"), figure.evaluate(CAMERAS)
             _swipe(tab, x, y, -120)
-            moved = tab.evaluate("scrollY") - began
-            if moved < 60:
+            if not _comes(tab, lambda least: tab.evaluate("scrollY") >= least, began + 60):
                 page.blame("a finger cannot scroll past", name)
             if figure.evaluate(CAMERAS) != camera:
                 page.blame("turns under a finger that scrolls", name)
-            y -= moved
+            box = figure.bounding_box()
+            y = box["y"] + box["height"] / 2
             tab.touchscreen.tap(x, y)
             tab.wait_for_timeout(300)
             began = tab.evaluate("scrollY")
             _swipe(tab, x, y, 40)
-            if figure.evaluate(CAMERAS) == camera or tab.evaluate("scrollY") != began:
+            turned = _comes(tab, lambda plot, eye: plot.evaluate(CAMERAS) != eye, figure, camera)
+            if not turned or tab.evaluate("scrollY") != began:
                 page.blame("a finger cannot turn", name)
             tab.touchscreen.tap(x, y)
         controls = tab.query_selector_all(".lissome-drawing :is(button, input):not(.modebar *)")
@@ -319,10 +328,8 @@ def _turn_dark(tab) -> None:
     """Ask for the dark theme, as a reader's system does at dusk, and wait until it is there."""
     tab.set_viewport_size(DESK)
     tab.emulate_media(color_scheme="dark")
-    for _ in range(PATIENCE):
-        tab.wait_for_timeout(500)
-        if tab.evaluate("document.documentElement.dataset.theme") == "dark":
-            break
+    tab.wait_for_timeout(500)
+    _comes(tab, lambda: tab.evaluate("document.documentElement.dataset.theme") == "dark")
 
 
 def _visit(browser, page: Page, theme: str, shot: Path | None) -> bool:
@@ -356,6 +363,7 @@ def _visit(browser, page: Page, theme: str, shot: Path | None) -> bool:
             _check_figures(tab, page)
             tab.set_viewport_size(PHONE)
             tab.wait_for_timeout(400)
+            _comes(tab, lambda: not tab.evaluate(WIDE))  # figures take up the new width
             page.blame("wider than a phone", tab.evaluate(WIDE))
             tab.evaluate("() => window.scrollTo(0, 0)")  # bars that stick belong at the top
             picture("phone")

@@ -80,36 +80,48 @@ def middle(tab):
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
+def comes(tab, ask):
+    """Tell whether something comes true within half a minute: a browser answers in its time."""
+    for _ in range(300):
+        if ask():
+            return True
+        tab.wait_for_timeout(100)
+    return False
+
+
+def says(tab, words):
+    return comes(tab, lambda: tab.query_selector("button").inner_text() == words)
+
+
 def test_a_finger_scrolls_past_until_the_figure_is_tapped(phone):
     from check_pages import _swipe
 
     eye = phone.evaluate(CAMERA)
     _swipe(phone, *middle(phone), -100)
-    assert phone.evaluate("scrollY") > 50
+    assert comes(phone, lambda: phone.evaluate("scrollY") > 50)
     assert phone.evaluate(CAMERA) == eye
 
     phone.touchscreen.tap(*middle(phone))
-    phone.wait_for_timeout(100)
+    assert says(phone, "Tap to scroll")
     here = phone.evaluate("scrollY")
     _swipe(phone, *middle(phone), 30)
+    assert comes(phone, lambda: phone.evaluate(CAMERA) != eye)
     assert phone.evaluate("scrollY") == here
-    turned = phone.evaluate(CAMERA)
-    assert turned != eye
 
     phone.touchscreen.tap(*middle(phone))
-    phone.wait_for_timeout(100)
+    assert says(phone, "Tap to turn")
+    turned = phone.evaluate(CAMERA)
     _swipe(phone, *middle(phone), -100)
-    assert phone.evaluate("scrollY") > here + 50
+    assert comes(phone, lambda: phone.evaluate("scrollY") > here + 50)
     assert phone.evaluate(CAMERA) == pytest.approx(turned)
 
 
 def test_the_button_says_what_a_tap_does_and_a_touch_elsewhere_holds_the_figure(phone):
-    button = phone.query_selector("button")
-    assert button.inner_text() == "Tap to turn"
-    button.tap()
-    assert button.inner_text() == "Tap to scroll"
+    assert says(phone, "Tap to turn")
+    phone.query_selector("button").tap()
+    assert says(phone, "Tap to scroll")
     phone.touchscreen.tap(100, 50)
-    assert button.inner_text() == "Tap to turn"
+    assert says(phone, "Tap to turn")
 
 
 def test_the_slider_is_a_form_control_as_high_as_a_finger(phone):
@@ -118,9 +130,8 @@ def test_the_slider_is_a_form_control_as_high_as_a_finger(phone):
     assert box["height"] >= 40
     assert phone.evaluate("() => document.querySelector('input').labels[0].textContent") == "a = "
     phone.touchscreen.tap(box["x"] + box["width"] - 8, box["y"] + 4)
-    phone.wait_for_timeout(200)
+    assert comes(phone, lambda: phone.evaluate(SHOWN) == [False, False, True])
     assert phone.inner_text("output") == bar.get_attribute("aria-valuetext") == "3 m"
-    assert phone.evaluate(SHOWN) == [False, False, True]
 
 
 def test_the_keyboard_turns_zooms_and_slides(phone):
@@ -133,12 +144,11 @@ def test_the_keyboard_turns_zooms_and_slides(phone):
     phone.focus(".plotly-graph-div")
     angle, far = polar()
     phone.keyboard.press("ArrowRight")
-    assert polar() == pytest.approx((angle + math.pi / 24, far))
+    assert comes(phone, lambda: polar() == pytest.approx((angle + math.pi / 24, far)))
     phone.keyboard.press("+")
-    assert polar() == pytest.approx((angle + math.pi / 24, 0.9 * far))
+    assert comes(phone, lambda: polar() == pytest.approx((angle + math.pi / 24, 0.9 * far)))
     phone.keyboard.press(",")
-    phone.wait_for_timeout(200)
-    assert phone.evaluate(SHOWN) == [True, False, False]
+    assert comes(phone, lambda: phone.evaluate(SHOWN) == [True, False, False])
     assert polar() == pytest.approx((angle + math.pi / 24, 0.9 * far))
 
 
@@ -150,13 +160,14 @@ def test_two_fingers_zoom_once_the_figure_is_loose(phone):
             kind = "touchMove" if reach > 20 else "touchStart"
             fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
         fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-        phone.wait_for_timeout(300)
 
     fingers = phone.context.new_cdp_session(phone)
     eye = phone.evaluate(CAMERA)
     phone.query_selector("button").tap()
+    assert says(phone, "Tap to scroll")
     pinch()
-    assert phone.evaluate(CAMERA) == pytest.approx({key: eye[key] / 2 for key in eye})
+    half = pytest.approx({key: eye[key] / 2 for key in eye})
+    assert comes(phone, lambda: phone.evaluate(CAMERA) == half)
     assert phone.evaluate("visualViewport.scale") == 1
 
 
