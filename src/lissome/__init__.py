@@ -29,6 +29,7 @@ _EXPORTS: dict[str, str] = {
     "Equilibrium": "equilibrium",
     "Structure": "structure",
     "Output": "sensitivities",
+    "EdgeReaction": "reactions",
     "Reaction": "reactions",
     "Reactions": "reactions",
     "equilibrate": "equilibrium",

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reactions import Reaction, Reactions
+from ._fvk_edge_reactions import edge_work
 from ._fvk_supports import Hold
 
 if TYPE_CHECKING:
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+#: Displacements and slopes in the order in which they are counted.
+_ROWS = {"displacement_x": 0, "displacement_y": 1, "deflection": 2, "slope": 3, "gradient": 3}
 
 
 def plate_reactions(plate: PlateUnknowns, state: PlateState, multipliers: Array) -> Reactions:
@@ -37,12 +41,21 @@ def plate_reactions(plate: PlateUnknowns, state: PlateState, multipliers: Array)
     for unknowns in which.values():
         owners[unknowns] += 1.0
     residual = plate._residual(state, multipliers)
+    shared = residual / np.maximum(owners, 1.0)
+    counts = np.zeros((4, plate.mesh.facets.shape[1]), dtype=np.int64)
+    for part, those in holds.items():
+        if not isinstance(part, tuple):
+            for row in {_ROWS[hold.what] for hold in those}:
+                counts[row, those[0].place] += 1
     found = []
     for part, unknowns in which.items():
         place = _place(plate, state, part, holds[part])
         motions = plate._rigid_motions(place, state)[:, unknowns]
-        sums = motions @ (residual[unknowns] / owners[unknowns])
-        found.append(Reaction(sums[:3], sums[3:], place, part))
+        sums = motions @ shared[unknowns]
+        line = None
+        if plate._edges_tell and not isinstance(part, tuple):
+            line = edge_work(plate, state, shared, owners, counts, holds[part]).along
+        found.append(Reaction(sums[:3], sums[3:], place, part, line))
     return Reactions(found)
 
 

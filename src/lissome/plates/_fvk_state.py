@@ -122,6 +122,8 @@ class PlateUnknowns(BaseStructure):
     support_scale: float
     space: Any
     _shared: dict[str, Any]
+    #: Whether the residual of an edge is the work of a density of forces and moments.
+    _edges_tell = False
 
     # -- supports ---------------------------------------------------------------------------------
 
@@ -245,7 +247,9 @@ class PlateUnknowns(BaseStructure):
         and `points` (by "all" if `edges` is one kind for the whole boundary). What several supports hold
         in common, such as a corner, is divided evenly among them. Forces are in the plane (x, y) and
         across it (z), moments about the middle of an edge or the point, with bending moments along
-        clamped edges; a support on a curved or bent edge has the resultant of what acts along it.
+        clamped edges; a support on a curved or bent edge has the resultant of what acts along it. How
+        that of an edge of a `Plate` is distributed tells
+        :meth:`Reaction.along() <lissome.reactions.Reaction.along>`.
         """
         return plate_reactions(self, equilibrium.state, equilibrium.multipliers)
 

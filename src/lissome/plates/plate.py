@@ -216,6 +216,8 @@ class Plate(PlateUnknowns):
 
     # -- parts ----------------------------------------------------------------------------------
 
+    _edges_tell = True
+
     @cached_property
     def space(self) -> PlateSpace:
         """The degrees of freedom; shared by plates that differ in material and load only."""
