@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from matplotlib.patches import ConnectionPatch
 from PIL import Image
 
 from lissome import plotting
@@ -339,3 +340,44 @@ def test_tiles_lead_to_their_pages_and_have_one_static_twin():
             plotting.tiles([(*entries[0][:2], wrong, entries[0][3])])
     with pytest.raises(InvalidInput, match="at least one"):
         plotting.tiles([])
+
+
+def _windows(drawing):
+    return [
+        [float(number) for number in box.split()]
+        for box in re.findall(r'<svg viewBox="([^"]+)"', drawing.markup)
+    ]
+
+
+def test_panels_side_by_side_are_windows_that_tile_the_figure():
+    fig, axes = plotting.figure(2, 2, size=(7, 4), panels=True, sharey=True)
+    image = axes[0, 0].imshow(np.eye(3), aspect="auto")
+    fig.colorbar(image, ax=axes[0, 0], label="a bar")
+    drawing = plotting.show(fig, ALT)
+    source = drawing.markup[
+        drawing.markup.index('<div role="img"') : drawing.markup.rindex("</div>")
+    ]
+    root = ElementTree.fromstring(source.replace("xlink:href", "href"))  # HTML knows the prefix
+    assert root.get("aria-label") == ALT
+    assert [len(row) for row in root] == [2, 2]  # the bar is no panel
+    boxes = np.array(_windows(drawing))
+    assert boxes[:, 2] @ boxes[:, 3] == pytest.approx(7 * 4 * 72**2, rel=1e-3)
+    assert boxes[0, :2] == pytest.approx(0)  # first the upper left one
+    assert (boxes[3, :2] + boxes[3, 2:]) == pytest.approx([7 * 72, 4 * 72])
+    assert len({box.tobytes() for box in boxes[:, :2]}) == 4  # all corners differ
+    (content,) = set(re.findall(r'<use href="#(\w+figure_1)"', source))
+    assert source.count(f'id="{content}"') == 1  # drawn once
+    for ax in axes.flat:  # each can be read alone
+        assert any(tick.label1.get_visible() for tick in ax.yaxis.get_major_ticks())
+
+
+@pytest.mark.parametrize("joined", ["one axes", "a column", "an arrow between the axes"])
+def test_what_no_straight_cut_parts_stays_whole(joined):
+    fig, axes = plotting.figure(*{"one axes": (1, 1), "a column": (2, 1)}.get(joined, (1, 2)))
+    if joined == "an arrow between the axes":
+        fig.add_artist(
+            ConnectionPatch((0.5, 0.5), (0.5, 0.5), "axes fraction", axesA=axes[0], axesB=axes[1])
+        )
+    drawing = plotting.show(fig, ALT)
+    assert _windows(drawing) == []
+    assert f'role="img" aria-label="{ALT}"' in drawing.markup

@@ -20,6 +20,8 @@ from PIL import Image
 
 from ..errors import InvalidInput
 from ._palette import PALETTE, SERIES, color
+from ._panels import Box
+from ._panels import panels as panels_of
 
 __all__ = [
     "SHEET",
@@ -118,6 +120,9 @@ def figure(
         fig = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(fig)
         axes = fig.subplots(rows, columns, **layout)
+        if columns > 1 and (layout.get("sharex") or layout.get("sharey")):
+            for ax in fig.axes:  # each panel can be read alone: on a phone it stands so
+                ax.tick_params(labelbottom=True, labelleft=True)
         if panels:
             letters = panels if isinstance(panels, str) else "abcdefghijklmnop"
             if len(letters) < len(fig.axes):
@@ -141,6 +146,7 @@ _HUES = {
     theme: "".join(f"--lissome-{role}:{getattr(hue, theme)};" for role, hue in PALETTE.items())
     for theme in ("light", "dark")
 }
+_PIXELS = 96 / 72  # of a page, per point
 _IN_BOOK = ".bd-content div.cell_output .output.text_html:has(>.lissome-drawing)"
 
 #: Style sheet that travels with every drawing, so that it also works in a bare notebook. The book's
@@ -155,6 +161,9 @@ SHEET = (
     "--lissome-ground:var(--pst-color-background,Canvas)}"
     ".lissome-drawing>svg{display:block;margin:auto;max-width:100%;height:auto}"
     ".lissome-drawing.wide>svg{min-width:34rem}"
+    # panels of one row stand side by side where there is room, else below each other
+    ".lissome-row{display:flex;flex-wrap:wrap;justify-content:center;align-items:start;margin:auto}"
+    ".lissome-row>svg{height:auto}"
     # shadows at the edges say that there is more aside; covers that scroll along hide them there
     ".lissome-drawing.wide{background:"
     "linear-gradient(90deg,var(--lissome-ground) 40%,transparent) 0 0/2rem 100% no-repeat local,"
@@ -196,6 +205,31 @@ def svg(fig: Figure, alt: str) -> str:
         "<svg ", f'<svg role="img" aria-label="{html.escape(alt)}" fill="{ink}" ', 1
     )
     return re.sub(r"\s*\n\s*", "\n", _recolored(text))
+
+
+def _side_by_side(whole: str, rows: list[list[Box]]) -> str:
+    """Show an SVG through one window for each panel; the windows of a row wrap on narrow pages."""
+    start = whole.index("<svg")
+    opening, body = whole[start : whole.index(">", start) + 1], whole[whole.index(">", start) + 1 :]
+    label, ink = (re.search(rf'{key}="[^"]*"', opening) for key in ("aria-label", "fill"))
+    name = re.search(r'<g id="(\w+)"', body)
+    assert label and ink and name  # svg() wrote them
+    content = body[: body.rindex("</svg>")]
+    parts = []
+    for row in rows:
+        parts.append(
+            f'<div class="lissome-row" style="max-width:{sum(w for _, _, w, _ in row) * _PIXELS:.0f}px">'
+        )
+        for x, y, width, height in row:
+            room = width * _PIXELS
+            parts.append(
+                f'<svg viewBox="{x:.2f} {y:.2f} {width:.2f} {height:.2f}" aria-hidden="true" '
+                f'{ink.group()} style="flex:{width:.2f} 1 0;min-width:min(100%,{0.85 * room:.0f}px);'
+                f'max-width:{1.3 * room:.0f}px">{content}</svg>'
+            )
+            content = f'<use href="#{name.group(1)}"/>'
+        parts.append("</div>")
+    return f'<div role="img" {label.group()}>{"".join(parts)}</div>'
 
 
 def png(fig: Figure, *, dpi: float = 160, background: str = "white") -> bytes:
@@ -270,6 +304,9 @@ class Drawing:
 def show(fig: Figure, alt: str) -> Drawing:
     """Return a figure for display: inline SVG that follows the page's theme, and a PNG twin.
 
+    Panels that stand side by side, and that straight cuts can part, stand one below the other on a
+    page that is too narrow for them.
+
     Parameters
     ----------
     fig : matplotlib.figure.Figure
@@ -294,7 +331,12 @@ def show(fig: Figure, alt: str) -> Drawing:
     Drawing('a straight line through the origin')
     """
     alt = checked_alt(alt)
-    # On a phone a wide figure scrolls sideways rather than shrink beyond reading.
-    wide = " wide" if fig.get_figwidth() > 6.5 else ""
-    markup = f'<div class="lissome-drawing{wide}">{SHEET}{svg(fig, alt)}</div>'
+    picture = svg(fig, alt)
+    with mpl.rc_context(STYLE):
+        rows = panels_of(fig)
+    if rows:
+        picture = _side_by_side(picture, rows)
+    # On a phone a wide figure of one piece scrolls sideways rather than shrink beyond reading.
+    wide = " wide" if fig.get_figwidth() > 6.5 and not rows else ""
+    markup = f'<div class="lissome-drawing{wide}">{SHEET}{picture}</div>'
     return Drawing(markup=markup, still=png(fig), alt=alt)
