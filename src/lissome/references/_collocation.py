@@ -102,7 +102,7 @@ class Family:
         f(y, p) with y of shape (n, points) and p of shape (q,) or (q, points), analytic in y and p:
         derivatives are taken by complex steps.
     ends : callable
-        g(y(a), y(b), p), n + q - 1 conditions.
+        g(y(a), y(b), p), n + q - 1 conditions, as analytic. All have columns, as in f.
     mesh : ndarray
         Ends of the elements.
     stages : int
@@ -301,12 +301,11 @@ class Family:
         def conditions(z: npt.NDArray) -> npt.NDArray:
             return self.ends(z[:n], z[n : 2 * n], z[2 * n :])
 
-        here = np.real(conditions(ends.astype(complex)))
-        slope = np.empty((len(here), len(ends)))
-        for j in range(len(ends)):
-            shifted = ends.astype(complex)
-            shifted[j] += 1j * _IMAGINARY
-            slope[:, j] = conditions(shifted).imag / _IMAGINARY
+        size = len(ends)
+        shifted = np.tile(ends.astype(complex)[:, None], (1, size + 1))
+        shifted[range(size), range(size)] += 1j * _IMAGINARY
+        found = conditions(shifted)
+        here, slope = found[:, -1].real, found[:, :-1].imag / _IMAGINARY
         matrix = np.zeros((m * n + len(here), count * n + q))
         blocks = matrix[: m * n].reshape(m, n, count * n + q)
         by_node = blocks[..., : count * n].reshape(m, n, count, n)

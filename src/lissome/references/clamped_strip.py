@@ -118,8 +118,8 @@ def _family(width: float, clamps: Clamps, control: Control, mesh: Array, stages:
 
     def ends(y0: npt.NDArray, y1: npt.NDArray, p: npt.NDArray) -> npt.NDArray:
         at = {name: getattr(clamps, name) for name in _CONTROLS} | {control: p[-1]}
-        start, end = y0.reshape(4, _COUNT), y1.reshape(4, _COUNT)
-        local = _local(start.T, p, width)
+        start, end = (y.reshape(4, _COUNT, *y.shape[1:]) for y in (y0, y1))
+        local = _local(start.swapaxes(0, 1), p, width)
         out = [*(start[:, 0] - np.log(_NEAR))]
         for i in (0, 2):  # across an inflection
             low, high = start[i], start[i + 1]
