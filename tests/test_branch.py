@@ -983,6 +983,22 @@ def test_a_branch_turns_where_it_crosses_another_one_at_a_pitchfork():
     assert off.parameter.to_numpy() == pytest.approx((off.x**2).to_numpy(), abs=1e-9)
 
 
+@pytest.mark.parametrize(("cubic", "quartic"), [(0.0, 3.0), (0.3, 0.5), (-0.55, 0.5)])
+def test_a_branch_that_turns_aslant_turns_at_the_crossing(cubic, quartic):
+    """p = x^2 + a x^3 + b x^4 crosses x = 0 at p = 0; neither parabola nor cubic, so it is searched."""
+
+    def family(p):
+        return polynomial([0, -p, 0, 1, cubic, quartic])
+
+    top = 1.0 + cubic + quartic
+    for max_step in (0.2, 0.4):
+        branch = follow(family, top, -1.0, initial=VectorState([1.0]), bounds=(None, top),
+                        max_step=max_step)  # fmt: skip
+        assert kinds(branch) == ["fold", "end"]
+        turn = branch.events[0]
+        assert abs(turn.parameter) <= turn.uncertainty < 1e-8
+
+
 def test_brackets_are_as_short_as_asked_for():
     wide = follow(pitchfork, -1.0, 2.0, event_tolerance=1e-3).events[0]
     narrow = follow(pitchfork, -1.0, 2.0).events[0]
