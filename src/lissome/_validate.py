@@ -25,6 +25,7 @@ __all__ = [
     "functions",
     "in_open_interval",
     "integer_at_least",
+    "moderate",
     "nonnegative",
     "one_of",
     "positive",
@@ -32,6 +33,9 @@ __all__ = [
 ]
 
 _LONGEST_REPR = 80
+#: Between these lie the quantities of a problem: products of powers of a few of
+#: them, such as stiffnesses of ribbons, stay within the range of floats.
+LARGEST, SMALLEST = 1e60, 1e-60
 #: Kinds of values that are hardly ever states.
 PLAIN = (numbers.Number, str, Sequence, Mapping, np.ndarray)
 
@@ -65,7 +69,7 @@ def finite(name: str, value: Any, *, unit: str = "") -> float:
     Raises
     ------
     InvalidInput
-        If `value` is not a real number, or is not finite.
+        If `value` is not a real number, is not finite, or is absurdly large.
 
     Examples
     --------
@@ -90,7 +94,29 @@ def finite(name: str, value: Any, *, unit: str = "") -> float:
         number = math.inf
     if not math.isfinite(number):
         raise InvalidInput(f"argument `{name}` is {_shown(value)}; {wanted}")
+    if abs(number) > LARGEST:
+        raise InvalidInput(
+            f"argument `{name}` is {_shown(value)}; use units in which it is at most {LARGEST:g}"
+        )
     return number
+
+
+def moderate(name: str, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return an array of finite numbers, or raise :class:`InvalidInput` if one is absurdly large.
+
+    Examples
+    --------
+    >>> moderate("load", np.array([1.0, -1e300]))
+    Traceback (most recent call last):
+        ...
+    lissome.errors.InvalidInput: argument `load` holds -1e+300; use units in which it is at most 1e+60
+    """
+    if np.max(np.abs(values), initial=0.0) > LARGEST:
+        worst = float(values.ravel()[np.argmax(np.abs(values))])
+        raise InvalidInput(
+            f"argument `{name}` holds {worst:g}; use units in which it is at most {LARGEST:g}"
+        )
+    return values
 
 
 def positive(name: str, value: Any, unit: str = "") -> float:
@@ -107,6 +133,10 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     if number <= 0.0:
         raise InvalidInput(
             f"argument `{name}` is {_shown(value)}; it must be greater than 0{_space(unit)}"
+        )
+    if number < SMALLEST:
+        raise InvalidInput(
+            f"argument `{name}` is {_shown(value)}; use units in which it is at least {SMALLEST:g}"
         )
     return number
 

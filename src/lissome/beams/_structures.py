@@ -559,7 +559,7 @@ class ClampedStrip(Elastica):
         turns = 2.0 - 0.5 * sum(kind == "hinged" for kind in self.ends)
         sign = 1.0 if self.bump == "up" else -1.0
         chord = math.hypot(self.span, self.rise)
-        amplitude = brentq(lambda a: j0(a) - chord, 0.0, 2.404)
+        amplitude = brentq(lambda a: j0(a) - chord, 0.0, 2.4049)
         tilt = math.atan2(self.rise, self.span)
         if self.ends == ("hinged", "clamped"):
             wave = np.sin(math.pi * turns * (s - 1.0))

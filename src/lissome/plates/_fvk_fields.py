@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._validate import finite, finite_array
+from .._validate import finite, finite_array, moderate
 from ..errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ def _called(name: str, function: Any, x: Array, head: tuple[int, ...]) -> Array:
             f"the function `{name}` is not finite at ({px:.6g}, {py:.6g}); quadrature points lie "
             "inside of triangles: put a vertex of the mesh on a singular point"
         )
-    return value
+    return moderate(name, value)
 
 
 def scalar_field(name: str, value: Any) -> Field:
@@ -55,7 +55,7 @@ def vector_field(name: str, value: Any) -> Field:
     """Return a function of positions (..., 2) that gives x and y parts, shape (..., 2)."""
     if callable(value):
         return lambda x: np.moveaxis(_called(name, value, x, (2,)), 0, -1).copy()
-    constant = finite_array(name, value, shape=(2,))
+    constant = moderate(name, finite_array(name, value, shape=(2,)))
     return lambda x: np.broadcast_to(constant, x.shape).copy()
 
 
@@ -74,5 +74,5 @@ def tensor_field(name: str, value: Any) -> Field:
         return lambda x: np.zeros((*x.shape[:-1], 3))
     if callable(value):
         return lambda x: parts(_called(name, value, x, (2, 2)))
-    constant = parts(finite_array(name, value, shape=(2, 2)))
+    constant = parts(moderate(name, finite_array(name, value, shape=(2, 2))))
     return lambda x: np.broadcast_to(constant, (*x.shape[:-1], 3)).copy()

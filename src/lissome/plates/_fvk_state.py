@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from .._validate import finite_array, integer_at_least
+from .._validate import finite_array, integer_at_least, positive
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput
 from ..factorization import Factorization, SparseKKT
@@ -487,6 +487,7 @@ def check_moduli(name: str, modulus: Array, poisson_ratio: Array) -> None:
         raise InvalidInput(
             f"argument `{name}` is {float(np.min(modulus)):.4g} somewhere; a modulus is positive"
         )
+    positive(name, float(np.min(modulus)))  # and not absurdly small
     if not np.all((poisson_ratio > -1) & (poisson_ratio <= 0.5)):
         worst = poisson_ratio[~((poisson_ratio > -1) & (poisson_ratio <= 0.5))].ravel()[0]
         raise InvalidInput(

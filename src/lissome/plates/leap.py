@@ -299,4 +299,10 @@ def launch_speed_with_drag(
         positive("terminal", terminal),
         positive("gravity", gravity),
     )
-    return v * math.sqrt(math.expm1(2.0 * g * z / v**2))
+    try:
+        return v * math.sqrt(math.expm1(2.0 * g * z / v**2))
+    except OverflowError:
+        raise InvalidInput(
+            f"argument `height` is {z:g}; against the drag that makes `terminal` {v:g} it would need a "
+            "launch speed that no float can hold; pass a smaller height, or a greater terminal speed"
+        ) from None

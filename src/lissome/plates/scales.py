@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from .._validate import positive
+from ..errors import InvalidInput
 
 __all__ = ["PlateScales"]
 
@@ -33,7 +34,7 @@ class PlateScales:
     Raises
     ------
     InvalidInput
-        If a number is not positive.
+        If a number is not positive, or they make units that no float can hold.
 
     Examples
     --------
@@ -50,6 +51,16 @@ class PlateScales:
     def __post_init__(self) -> None:
         for name in ("stretching_modulus", "bending_modulus", "length"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
+        try:
+            held = all(0.0 < unit < math.inf for unit in (self.strain, self.energy, self.pressure))
+        except (OverflowError, ZeroDivisionError):
+            held = False
+        if not held:
+            raise InvalidInput(
+                f"arguments `stretching_modulus` {self.stretching_modulus:g}, `bending_modulus` "
+                f"{self.bending_modulus:g} and `length` {self.length:g} make units that no float can "
+                "hold; measure them in units nearer to their size"
+            )
 
     @classmethod
     def uniform(cls, thickness: float, length: float, *, young_modulus: float = 1.0) -> PlateScales:

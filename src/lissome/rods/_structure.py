@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._validate import finite, finite_array, integer_at_least, one_of, positive
+from .._validate import finite, finite_array, integer_at_least, moderate, one_of, positive
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning
 from ..factorization import ChainKKT
@@ -208,7 +208,7 @@ class Rod(BaseStructure):
     initial: Any = None
 
     def __post_init__(self) -> None:
-        lengths = finite_array("lengths", self.lengths, (None,))
+        lengths = moderate("lengths", finite_array("lengths", self.lengths, (None,)))
         if lengths.size < 2:
             raise InvalidInput(
                 f"argument `lengths` has {lengths.size} entries; a rod has at least 2 segments"
@@ -220,7 +220,7 @@ class Rod(BaseStructure):
             )
         count = lengths.size
         natural = np.zeros((count + 1, 3)) if self.natural is None else self.natural
-        natural = finite_array("natural", natural, (count + 1, 3))
+        natural = moderate("natural", finite_array("natural", natural, (count + 1, 3)))
         _check_law(self.law, count)
         object.__setattr__(self, "lengths", _frozen(lengths))
         object.__setattr__(self, "natural", _frozen(natural))
@@ -444,7 +444,7 @@ class Rod(BaseStructure):
         for name, value, segment in (("start", start, 0), ("end", end, count - 1)):
             if value is None:
                 continue
-            force = _frozen(finite_array(name, value, (3,)))
+            force = _frozen(moderate(name, finite_array(name, value, (3,))))
             points[self._node(name)] = force
             pairs.pop(segment, None)
             if lever is not None:
@@ -456,7 +456,8 @@ class Rod(BaseStructure):
                     "{3: ...}"
                 )
         for key, value in (nodes or {}).items():
-            points[self._node(key)] = _frozen(finite_array(f"nodes[{key}]", value, (3,)))
+            name = f"nodes[{key}]"
+            points[self._node(key)] = _frozen(moderate(name, finite_array(name, value, (3,))))
         for where, pair in (couples or {}).items():
             if isinstance(where, str):
                 j = 0 if self._node(where) == 0 else count - 1

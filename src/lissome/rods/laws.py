@@ -146,10 +146,21 @@ def common_count(**values: float | Array) -> int | None:
 
 
 def table(*columns: float | Array) -> Array:
-    """Return the columns as a read-only array of shape (1, p), or (count, p) if one varies."""
+    """Return the columns as a read-only array of shape (1, p), or (count, p) if one varies.
+
+    Raises
+    ------
+    InvalidInput
+        If a number overflowed.
+    """
     result = np.ascontiguousarray(
         np.stack(np.broadcast_arrays(*map(np.atleast_1d, columns)), axis=1)
     )
+    if not np.isfinite(result).all():
+        raise InvalidInput(
+            "the arguments of the law make stiffnesses that no float can hold; use units in which lengths "
+            "and moduli are nearer to 1"
+        )
     result.flags.writeable = False
     return result
 

@@ -25,6 +25,7 @@ from scipy.optimize import brentq
 
 from .._compile import jit
 from .._validate import finite_array, one_of, positive
+from ..errors import InvalidInput
 from .laws import CompiledLaw, common_count, poisson, table, varying
 
 __all__ = [
@@ -412,6 +413,11 @@ class RelaxedRibbon(CompiledLaw):
         if not (np.ndim(self.crossover) == 0 and self.crossover == math.inf):
             crossover = varying("crossover", self.crossover, positive)
         smoothing = varying("smoothing", self.smoothing, positive)
+        if np.max(smoothing) > 1e30:  # its square swallows all strains
+            raise InvalidInput(
+                f"argument `smoothing` is {np.max(smoothing):g}; it is a curvature below those of "
+                "interest: use units in which it is at most 1e30"
+            )
         common_count(
             **{"bending[0]": first, "bending[1]": second},
             twisting=twisting,
@@ -688,15 +694,17 @@ class RefinedRibbon(CompiledLaw):
         object.__setattr__(self, "thickness", h)
         object.__setattr__(self, "young_modulus", y)
         object.__setattr__(self, "poisson_ratio", nu)
-        rate = 3.0 * (1.0 - nu * nu) * w**4 / h**2  # v^2 / 4 = rate k1^2
-        columns = (
-            y * w * h**3 / 12.0,
-            stiff,
-            y * w * h**3 / (6.0 * (1.0 + nu)),
-            y * w**5 * h / 2.0,
-            nu,
-            rate,
-        )
+        with np.errstate(over="ignore"):  # refused by the table
+            w, h = np.asarray(w), np.asarray(h)
+            rate = 3.0 * (1.0 - nu * nu) * w**4 / h**2  # v^2 / 4 = rate k1^2
+            columns = (
+                y * w * h**3 / 12.0,
+                stiff,
+                y * w * h**3 / (6.0 * (1.0 + nu)),
+                y * w**5 * h / 2.0,
+                nu,
+                rate,
+            )
         object.__setattr__(self, "parameters", table(*columns))
 
     def largest_twist(self, curvature: ArrayLike) -> Array:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from .._compile import jit
-from .._validate import finite, finite_array, integer_at_least, one_of, positive
+from .._validate import finite, finite_array, integer_at_least, moderate, one_of, positive
 from ..errors import InvalidInput
 from .measures import MEASURES, strain_from_rotation
 from .quaternions import (
@@ -50,7 +50,7 @@ def _rest_lengths(length: Any, segments: Any, lengths: Any) -> Array:
             raise InvalidInput(
                 "argument `lengths` is given together with `length` or `segments`; it replaces both"
             )
-        array = finite_array("lengths", lengths, (None,))
+        array = moderate("lengths", finite_array("lengths", lengths, (None,)))
         if array.size < 2 or np.any(array <= 0.0):
             shown = f"has {array.size} entries" if array.size < 2 else f"holds {array.min():g}"
             raise InvalidInput(
@@ -547,7 +547,7 @@ def along(
     >>> bool(np.allclose(rod.positions(rod.initial), wave))
     True
     """
-    points = finite_array("nodes", nodes, (None, 3))
+    points = moderate("nodes", finite_array("nodes", nodes, (None, 3)))
     one_of("measure", measure, MEASURES)
     if not isinstance(closed, (bool, np.bool_)):
         raise InvalidInput(f"argument `closed` is {closed!r}; pass True or False")

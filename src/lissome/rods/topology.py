@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
 from .._compile import jit
-from .._validate import finite_array, positive
+from .._validate import SMALLEST, finite_array, moderate, positive
 from ..errors import InvalidInput, LissomeWarning
 
 __all__ = ["Crossings", "linking_number", "self_crossings", "total_twist", "writhe"]
@@ -30,9 +30,14 @@ CROSSING_DISTANCE = 1e-3
 
 
 def as_nodes(name: str, value: ArrayLike) -> Array:
-    points: Array = finite_array(name, value, (None, 3))
+    points: Array = moderate(name, finite_array(name, value, (None, 3)))
     if points.shape[0] < 2:
         raise InvalidInput(f"argument `{name}` has {points.shape[0]} rows; pass at least 2 nodes")
+    size = float(np.max(np.ptp(points, axis=0)))
+    if 0.0 < size < SMALLEST:
+        raise InvalidInput(
+            f"argument `{name}` has the extent {size:g}; use units in which it is at least {SMALLEST:g}"
+        )
     return points
 
 
