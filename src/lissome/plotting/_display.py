@@ -164,6 +164,7 @@ SHEET = (
     # panels of one row stand side by side where there is room, else below each other
     ".lissome-row{display:flex;flex-wrap:wrap;justify-content:center;align-items:start;margin:auto}"
     ".lissome-row>svg{height:auto}"
+    "@media(max-width:600px){.lissome-odd>svg{flex-basis:75%!important}}"  # not two and one
     # shadows at the edges say that there is more aside; covers that scroll along hide them there
     ".lissome-drawing.wide{background:"
     "linear-gradient(90deg,var(--lissome-ground) 40%,transparent) 0 0/2rem 100% no-repeat local,"
@@ -217,9 +218,9 @@ def _side_by_side(whole: str, rows: list[list[Box]]) -> str:
     content = body[: body.rindex("</svg>")]
     parts = []
     for row in rows:
-        parts.append(
-            f'<div class="lissome-row" style="max-width:{sum(w for _, _, w, _ in row) * _PIXELS:.0f}px">'
-        )
+        odd = " lissome-odd" if len(row) % 2 else ""
+        whole_width = sum(width for _, _, width, _ in row) * _PIXELS
+        parts.append(f'<div class="lissome-row{odd}" style="max-width:{whole_width:.0f}px">')
         for x, y, width, height in row:
             room = width * _PIXELS
             parts.append(
