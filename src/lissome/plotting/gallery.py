@@ -17,6 +17,7 @@ __all__ = ["tiles"]
 _SHEET = (
     "<style>.lissome-tiles{display:grid;gap:1rem;"
     "grid-template-columns:repeat(auto-fit,minmax(11rem,1fr))}"
+    "@media(max-width:600px){.lissome-tiles{grid-template-columns:1fr 1fr}}"
     ".lissome-tiles>a{display:flex;flex-direction:column;justify-content:flex-end;padding:.6rem;"
     "border:1px solid var(--pst-color-border,#c9c9c9);border-radius:.4rem;text-align:center;"
     "text-decoration:none;line-height:1.3}"
