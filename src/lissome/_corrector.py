@@ -50,7 +50,7 @@ class Balanced:
     structure, state, multipliers
         The equilibrium.
     evaluation : Evaluation
-        Of second order, there.
+        There; its matrix is that of the last iterate, before a correction too small to matter to it.
     residual : float
         Largest unbalanced force or constraint relative to the terms summed in it.
     history : tuple of Iteration
@@ -210,7 +210,7 @@ def correct_on_plane(
     ) -> tuple[Array, Array, float]:
         nonlocal slope
         if slope is None:
-            slope = _slope_beside(family, evaluation, parameter, state, multipliers, scale)
+            slope = slope_beside(family, evaluation, parameter, state, multipliers, scale)
         # Bordering: two solves with the same factors, and a scalar equation for the parameter.
         rhs_x = np.stack([-evaluation.gradient, -slope[0]], axis=1)
         rhs_c = np.stack([-evaluation.constraints, -slope[1]], axis=1)
@@ -227,14 +227,15 @@ def correct_on_plane(
     )  # fmt: skip
 
 
-def _slope_beside(
+def slope_beside(
     family: Family, here: Evaluation, parameter: float, state: Any, multipliers: Array, scale: float
 ) -> tuple[Array, Array]:
     """Return the derivatives of gradient and constraints with respect to the parameter.
 
-    By one evaluation beside the one that is known; where the family ends there, by two.
+    By one evaluation beside the one that is known; where the family ends there, by two. The step is
+    so long that rounding errors of stiff terms do not matter.
     """
-    place = parameter + math.sqrt(EPS) * max(scale, 1e-3 * abs(parameter))
+    place = parameter + EPS ** (1.0 / 3.0) * max(scale, 1e-3 * abs(parameter))
     try:
         structure = family(place)
     except InvalidInput:
@@ -326,8 +327,8 @@ def _iterate(
                     evaluation.kkt,
                 )
                 if last is not None:
-                    structure, state, multipliers, parameter, energy, residual = last
-                    evaluation = replace(evaluation, energy=energy)
+                    structure, state, multipliers, parameter, first, residual = last
+                    evaluation = replace(first, kkt=evaluation.kkt)
             balanced = Balanced(
                 structure, state, multipliers, evaluation, residual, factors, tuple(history)
             )
@@ -369,7 +370,7 @@ def _with_last_correction(
     residual: float,
     noise: float,
     kkt: KKTMatrix,
-) -> tuple[Any, Any, Array, float, float, float] | None:
+) -> tuple[Any, Any, Array, float, Evaluation, float] | None:
     """Return the iterate after a correction so small that the matrix need not be made anew.
 
     None if it would be less balanced, by more than rounding errors.
@@ -389,7 +390,7 @@ def _with_last_correction(
     left = relative_residual(evaluation.gradient, evaluation.constraints, terms)
     if not left <= max(residual, noise):
         return None
-    return structure, state, multipliers, parameter, evaluation.energy, left
+    return structure, state, multipliers, parameter, evaluation, left
 
 
 def critical_modes(

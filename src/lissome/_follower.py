@@ -35,6 +35,7 @@ from ._corrector import (
     gauge_of,
     lowest_of_stable,
     member,
+    slope_beside,
 )
 from ._descent import descend
 from .equilibrium import Equilibrium, equilibrate
@@ -57,6 +58,8 @@ _SHORTEST_STEP = 1e-9
 _COARSE = 1e-5
 # Number of halvings of a bracket from which on interpolation is worth its eigenvalues.
 _FEW = 8
+# Relative change of the residual's derivative from step to step up to which it is used again.
+_STEADY = 1e-5
 # Distance within which a state is the one at which the branch began.
 _SAME = 1e-6
 # Factors that are no simple fractions keep halved steps off symmetric parameter values.
@@ -171,6 +174,11 @@ class Follower:
         self.lowest: Array | None = None  # lowest modes of the last row, to start the next from
         self.known: tuple[Balanced, float, bool] | None = None  # eigenvalue of an end of a step
         self.bend: Bend | None = None  # where no step leads to the anchor
+        # Derivative of the residual with respect to the parameter: where it was made last, at the
+        # anchor, and whether it was the same at the anchor before.
+        self.seen: tuple[Balanced, tuple[Array, Array]] | None = None
+        self.slope: tuple[Array, Array] | None = None
+        self.steady = False
         self.origin: Point | None = None  # a bifurcation, which the branch leaves by dx, dp
         self.anchor: Balanced
         self.tangent: Tangent
@@ -190,16 +198,31 @@ class Follower:
     def _tangent_at(
         self, balanced: Balanced, parameter: float, along: tuple[Array, float]
     ) -> Tangent:
-        slope = residual_slope(
-            self.family, parameter, balanced.state, balanced.multipliers, self.settings.range,
-            self.derivative,
-        )  # fmt: skip
+        place = (parameter, balanced.state, balanced.multipliers, self.settings.range)
+        if self.derivative is None:
+            slope = slope_beside(self.family, balanced.evaluation, *place)
+        else:
+            slope = residual_slope(self.family, *place, self.derivative)
+        self.seen = (balanced, slope)
         dx, dm = implicit_derivative(balanced.factorization, *slope)
         metric = self._metric(balanced)
         length = self._norm(metric, dx, 1.0)
         if self._inner(metric, dx, 1.0, *along) < 0:
             length = -length
         return Tangent(dx / length, dm / length, 1.0 / length)
+
+    def _compare_slopes(self) -> None:
+        """Look whether residuals change with the parameter at the anchor as they did before.
+
+        Corrections across the branch do with the derivative that is known then.
+        """
+        before, self.slope, self.steady = self.slope, None, False
+        if self.seen is not None and self.seen[0] is self.anchor:
+            self.slope = self.seen[1]
+            self.steady = before is not None and all(
+                np.max(np.abs(new - old), initial=0.0) <= _STEADY * np.max(np.abs(new), initial=0.0)
+                for new, old in zip(self.slope, before, strict=True)
+            )
 
     def _relative(self, parameter: float, balanced: Balanced) -> Point:
         """Return the place of a state relative to the anchor."""
@@ -239,8 +262,8 @@ class Follower:
             self._metric(self.anchor) * self.tangent.dx / s.scale**2,
             self.tangent.dp / s.range**2,
         )
-        slope = None
-        if self.derivative is not None:
+        slope = self.slope if self.steady else None
+        if slope is None and self.derivative is not None:
             slope = residual_slope(
                 self.family, parameter, state, multipliers, s.range, self.derivative
             )
@@ -429,6 +452,7 @@ class Follower:
         old, before, behind = self.anchor, self.parameter, self.tangent
         self.anchor, self.parameter, self.tangent = final.balanced, final.parameter, tangent
         self.bend = self._bend_behind(old, before, behind)
+        self._compare_slopes()
 
     def _within(
         self, end: Point, tangent: Tangent
