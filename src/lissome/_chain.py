@@ -613,6 +613,53 @@ def factorize_chain(
     return 0, count, top, positive, negative, smallest, largest, growth
 
 
+#: Size of a matrix from which on LAPACK finds its eigenvalues. Its threads would have to wait for one
+#: another for each smaller one.
+_SMALL = 12
+
+
+@jit
+def _eigen_of_small(a, values, vectors):
+    """Write eigenvalues and eigenvectors (columns) of a symmetric matrix by Jacobi's rotations.
+
+    Overwrites ``a``.
+    """
+    n = values.size
+    vectors[:] = 0.0
+    nothing = 1e-18 * np.max(np.abs(a))
+    for i in range(n):
+        vectors[i, i] = 1.0
+    for _ in range(60):
+        rest = 0.0
+        for p in range(n - 1):
+            for q in range(p + 1, n):
+                apq = a[p, q]
+                if abs(apq) <= nothing:
+                    continue
+                rest = max(rest, abs(apq))
+                theta = 0.5 * (a[q, q] - a[p, p]) / apq
+                t = 1.0 / (abs(theta) + math.hypot(theta, 1.0))
+                t = -t if theta < 0.0 else t
+                c = 1.0 / math.hypot(t, 1.0)
+                s = t * c
+                a[p, p] -= t * apq
+                a[q, q] += t * apq
+                a[p, q] = 0.0
+                a[q, p] = 0.0
+                for k in range(n):
+                    if k != p and k != q:
+                        u, v = a[k, p], a[k, q]
+                        a[k, p] = a[p, k] = c * u - s * v
+                        a[k, q] = a[q, k] = s * u + c * v
+                    u, v = vectors[k, p], vectors[k, q]
+                    vectors[k, p] = c * u - s * v
+                    vectors[k, q] = s * u + c * v
+        if rest == 0.0:
+            break
+    for i in range(n):
+        values[i] = a[i, i]
+
+
 @jit
 def invert_corner(corner, nb, top, occupant, weight, floor, inverse):
     """Write the generalized inverse of what is left: border rows and columns still delayed.
@@ -653,14 +700,19 @@ def invert_corner(corner, nb, top, occupant, weight, floor, inverse):
         for r in range(size):
             for s in range(size):
                 small[r, s] *= turn[r] * turn[s]
-        values, vectors = np.linalg.eigh(small)
+        values, vectors = np.empty(size), np.empty((size, size))
+        if size <= _SMALL:
+            _eigen_of_small(small, values, vectors)
+        else:
+            values, vectors = np.linalg.eigh(small)
+        most = np.max(np.abs(values))
         for r in range(size):
             v = values[r]
             # Rounding errors of the sums that made this eigenvalue, relative to floor.
             noise = 0.0
             for p in range(size):
                 noise += (vectors[p, r] * turn[p]) ** 2 * weight[rows[p]]
-            noise = max(noise, abs(values[size - 1]), abs(values[0]))
+            noise = max(noise, most)
             smallest = min(smallest, abs(v) / noise if noise > 0.0 else 0.0)
             if abs(v) <= floor * noise:
                 zero += 1

@@ -8,7 +8,6 @@ afar.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -33,6 +32,9 @@ EPS = float(np.finfo(float).eps)
 TOLERANCE = 1e-8
 #: Corrections up to which a state that is said to be an equilibrium is one.
 LARGEST_CONFIRMED = 1e-4
+#: The correction that would follow, over the tolerance, where the last one is foretold; and by how much
+#: it must decrease the residual.
+_NEXT, _DECREASE = 1e-5, 1e-2
 #: Largest ratio of successive corrections.
 CONTRACTION = 0.5
 
@@ -128,12 +130,15 @@ def correct(
     multipliers: Array,
     *,
     tolerance: float = TOLERANCE,
+    foretold: float = 0.0,
     polish: bool = False,
     stable: bool = False,
     max_iterations: int = 12,
 ) -> Balanced:
     """Correct a guess at a fixed parameter.
 
+    A correction that is larger than `tolerance`, but not than `foretold`, is the last one if those before
+    it tell that the next would be far smaller than the tolerance, and the residual after it agrees.
     With `polish`, corrections go on until rounding errors are all that is left. With `stable`, every
     iterate must have the inertia of a minimum: whoever passes an unstable state leaves the branch.
 
@@ -150,7 +155,7 @@ def correct(
         return dx, dm, 0.0
 
     balanced, _ = _iterate(lambda p: structure, 0.0, state, multipliers, newton, tolerance,
-                           polish, max_iterations, 1.0)  # fmt: skip
+                           foretold, polish, max_iterations, 1.0)  # fmt: skip
     return balanced
 
 
@@ -179,6 +184,7 @@ def correct_on_plane(
     scale: float,
     *,
     tolerance: float = TOLERANCE,
+    foretold: float = 0.0,
     polish: bool = False,
     contraction: float = CONTRACTION,
     max_iterations: int = 12,
@@ -196,6 +202,8 @@ def correct_on_plane(
         will do: it does not change the solution. If None, a difference at the guess.
     scale : float
         Typical size of the parameter.
+    foretold : float
+        As in :func:`correct`.
     contraction : float
         Largest ratio of successive corrections.
 
@@ -222,8 +230,8 @@ def correct_on_plane(
         return dx[:, 0] + dp * dx[:, 1], dm[:, 0] + dp * dm[:, 1], float(dp)
 
     return _iterate(
-        family, parameter, state, multipliers, newton, tolerance, polish, max_iterations, scale,
-        contraction,
+        family, parameter, state, multipliers, newton, tolerance, foretold, polish, max_iterations,
+        scale, contraction,
     )  # fmt: skip
 
 
@@ -265,6 +273,7 @@ def _iterate(
     multipliers: Array,
     newton: Callable[..., tuple[Array, Array, float]],
     tolerance: float,
+    foretold: float,
     polish: bool,
     max_iterations: int,
     scale: float,
@@ -276,16 +285,18 @@ def _iterate(
     history: list[Iteration] = []
     previous = np.inf
     balanced_before: tuple[Balanced, float] | None = None
+    last: tuple[Any, Any, Array, float, Evaluation, float] | None
     for number in range(max_iterations + 1):
         evaluation, factors = _evaluate(structure, state, multipliers)
         terms = evaluation.kkt.magnitude(size, multipliers)
         residual = relative_residual(evaluation.gradient, evaluation.constraints, terms)
         contracts = True
+        last = None
         if factors.inertia[2]:
             if residual > noise:
                 raise CorrectionFailed("the KKT matrix is singular to working precision")
             correction = 0.0  # balanced to rounding; Newton's correction has no meaning here
-            done, improvable = True, False
+            done = True
         else:
             dx, dm, dp = newton(evaluation, factors, parameter, state, multipliers)
             correction = max(float(np.max(np.abs(dx) / size)), abs(dp) / scale)
@@ -299,6 +310,29 @@ def _iterate(
             )
             # Where constraints leave nothing free, the multipliers are all that is corrected.
             improvable = correction > 0.0 or bool(np.any(dm))
+            # Where Newton's method converges, the ratio of corrections is squared from one to the next.
+            early = (
+                number > 0
+                and not done
+                and contracts
+                and correction <= foretold
+                and correction * (correction / previous) ** 2 <= _NEXT * tolerance
+            )
+            if improvable and not polish and (done or early):
+                last = _with_last_correction(
+                    family,
+                    parameter,
+                    structure,
+                    state,
+                    multipliers,
+                    dx,
+                    dm,
+                    dp,
+                    noise,
+                    residual if done else _DECREASE * residual,
+                    evaluation.kkt,
+                )
+                done = done or last is not None
         history.append(
             Iteration(
                 number,
@@ -312,23 +346,9 @@ def _iterate(
             )
         )
         if done:
-            if improvable and not polish:
-                last = _with_last_correction(
-                    family,
-                    parameter,
-                    structure,
-                    state,
-                    multipliers,
-                    dx,
-                    dm,
-                    dp,
-                    residual,
-                    noise,
-                    evaluation.kkt,
-                )
-                if last is not None:
-                    structure, state, multipliers, parameter, first, residual = last
-                    evaluation = replace(first, kkt=evaluation.kkt)
+            if last is not None:
+                structure, state, multipliers, parameter, first, residual = last
+                evaluation = replace(first, kkt=evaluation.kkt)
             balanced = Balanced(
                 structure, state, multipliers, evaluation, residual, factors, tuple(history)
             )
@@ -367,13 +387,13 @@ def _with_last_correction(
     dx: Array,
     dm: Array,
     dp: float,
-    residual: float,
     noise: float,
+    residual: float,
     kkt: KKTMatrix,
 ) -> tuple[Any, Any, Array, float, Evaluation, float] | None:
     """Return the iterate after a correction so small that the matrix need not be made anew.
 
-    None if it would be less balanced, by more than rounding errors.
+    None if it would be less balanced than `residual`, by more than rounding errors.
     """
     if np.any(dx) and structure.max_step(state, dx) < 1.0:
         return None

@@ -56,10 +56,13 @@ _LARGEST_TURN = math.cos(math.radians(40.0))
 _SHORTEST_STEP = 1e-9
 # Length of brackets of events from which on states need not be good to rounding.
 _COARSE = 1e-5
-# Number of halvings of a bracket from which on interpolation is worth its eigenvalues.
-_FEW = 8
 # Relative change of the residual's derivative from step to step up to which it is used again.
 _STEADY = 1e-5
+# Number of halvings of a bracket from which on interpolation is worth while.
+_FEW = 8
+# Corrections over the tolerance up to which the next ones of a step are foretold. (Beside a critical
+# state, where events are looked for, corrections along its mode contract more slowly than others.)
+_FORETOLD = 100.0
 # Distance within which a state is the one at which the branch began.
 _SAME = 1e-6
 # Factors that are no simple fractions keep halved steps off symmetric parameter values.
@@ -174,6 +177,7 @@ class Follower:
         self.lowest: Array | None = None  # lowest modes of the last row, to start the next from
         self.known: tuple[Balanced, float, bool] | None = None  # eigenvalue of an end of a step
         self.bend: Bend | None = None  # where no step leads to the anchor
+        self.probe: tuple[Balanced, Array] | None = None  # where a critical mode was made last
         # Derivative of the residual with respect to the parameter: where it was made last, at the
         # anchor, and whether it was the same at the anchor before.
         self.seen: tuple[Balanced, tuple[Array, Array]] | None = None
@@ -242,9 +246,11 @@ class Follower:
             raise CorrectionFailed("the prediction leaves the domain of the energy")
         return structure, structure.retract(state, dx), self.anchor.multipliers + dm
 
-    def _correct_at(self, parameter: float, dx: Array, dm: Array) -> Point:
+    def _correct_at(self, parameter: float, dx: Array, dm: Array, foretold: float = 0.0) -> Point:
         structure, state, multipliers = self._displaced(parameter, dx, dm)
-        balanced = correct(structure, state, multipliers, tolerance=self.settings.tolerance)
+        balanced = correct(
+            structure, state, multipliers, tolerance=self.settings.tolerance, foretold=foretold
+        )
         return self._relative(parameter, balanced)
 
     def _correct_across(
@@ -254,6 +260,7 @@ class Follower:
         dm: Array,
         polish: bool = False,
         contraction: float = CONTRACTION,
+        foretold: float = 0.0,
     ) -> Point:
         """Correct in the plane orthogonal to the anchor's tangent."""
         _, state, multipliers = self._displaced(parameter, dx, dm)
@@ -269,7 +276,7 @@ class Follower:
             )
         balanced, parameter = correct_on_plane(
             self.family, parameter, state, multipliers, row, slope, s.range,
-            tolerance=s.tolerance, polish=polish, contraction=contraction,
+            tolerance=s.tolerance, foretold=foretold, polish=polish, contraction=contraction,
             max_iterations=12 if contraction <= CONTRACTION else 40,
         )  # fmt: skip
         return self._relative(parameter, balanced)
@@ -491,7 +498,7 @@ class Follower:
         s = self.settings
         reason = ""
         metric = self._metric(self.anchor)
-        longest = self.ds
+        longest, foretold = self.ds, _FORETOLD * s.tolerance
         while True:
             ds = min(self.ds, s.max_step / s.range)
             if ds < _SHORTEST_STEP:
@@ -513,9 +520,11 @@ class Follower:
                 if natural:
                     # Along the tangent to where the parameter is right.
                     missing = (target - self.parameter - dp) / t.dp
-                    point = self._correct_at(target, dx + missing * t.dx, dm + missing * t.dm)
+                    point = self._correct_at(
+                        target, dx + missing * t.dx, dm + missing * t.dm, foretold
+                    )
                 else:
-                    point = self._correct_across(self.parameter + dp, dx, dm)
+                    point = self._correct_across(self.parameter + dp, dx, dm, foretold=foretold)
                 if self._hides_index(point):
                     if natural and any(target == value for value, _ in self._ends()):
                         return point, t  # an end of the interval is critical itself
@@ -538,7 +547,8 @@ class Follower:
                 self.ds = ds * _SHORTER
                 continue
             break
-        growth = min(2.0, 1.5 * 0.7 ** (point.balanced.iterations - 3))
+        made = point.balanced.iterations + (point.balanced.correction > s.tolerance)  # or foretold
+        growth = min(2.0, 1.5 * 0.7 ** (made - 3))
         growth = min(growth, math.sqrt(_WANTED_DEVIATION / max(deviation, 1e-12)) + 0.3)
         self.ds = ds * max(0.4, growth) if ds >= 0.999 * self.ds or growth < 1 else self.ds
         return point, tangent
@@ -802,12 +812,13 @@ class Follower:
         if left.index == right.index:
             return []
         shortest = self.settings.event_tolerance
-        # Where a few halvings will do, eigenvalues to interpolate between cost more than they spare.
+        # Where a few halvings will do, interpolation between eigenvalues spares nothing.
         halvings = math.log2(max((right.sigma - left.sigma) / shortest, 1.0))
         single = abs(left.index - right.index) == 1 and halvings > _FEW
         values = (math.nan, math.nan)
-        if single:
-            values = (self._test(left), self._test(right))
+        probe = self._probe(right) if single else None
+        if probe is not None:
+            values = (self._test(left, probe), self._test(right, probe))
         last_root, widths = math.nan, [math.inf]
         for _ in range(200):
             width = right.sigma - left.sigma
@@ -816,7 +827,7 @@ class Follower:
             root = left.sigma + 0.5 * width
             slow = len(widths) > 3 and width > 0.3 * widths[-3]
             widths.append(width)
-            if single and values[0] * values[1] < 0 and not slow:
+            if values[0] * values[1] < 0 and not slow:
                 root = left.sigma + width * values[0] / (values[0] - values[1])
                 change = abs(root - last_root) if math.isfinite(last_root) else 0.2 * width
                 last_root = root
@@ -836,10 +847,10 @@ class Follower:
                 return [Crossing(left, right, values)]  # rounding: it cannot be divided further
             if middle.index == left.index:
                 left = middle
-                values = (self._test(left) if single else math.nan, values[1])
+                values = (self._test(left, probe), values[1])
             elif middle.index == right.index:
                 right = middle
-                values = (values[0], self._test(right) if single else math.nan)
+                values = (values[0], self._test(right, probe))
             else:
                 return self._located(left, middle, end) + self._located(middle, right, end)
         return [Crossing(left, right, values)]
@@ -884,23 +895,42 @@ class Follower:
             half = 0.05 * width
         raise TooLong(f"no turn of the parameter was found near {left.parameter:.10g}")
 
-    def _test(self, point: Point) -> float:
-        """Return the eigenvalue of smallest size: it goes through zero at an event."""
+    def _probe(self, point: Point) -> Array | None:
+        """Return the mode of the eigenvalue of smallest size, or None beside a singular matrix."""
+        if self.probe is None or self.probe[0] is not point.balanced:
+            try:
+                mode = critical_modes(point.balanced, 1, iterations=6)[1][0]
+            except FactorizationError:
+                return None
+            self.probe = (point.balanced, mode)
+        return self.probe[1]
+
+    def _test(self, point: Point, probe: Array | None) -> float:
+        """Return a function that goes through zero where an eigenvalue does.
+
+        Near there it is the eigenvalue itself, if `probe` is about its mode: the inverse of the second
+        variation's inverse on it.
+        """
+        balanced = point.balanced
+        if probe is None:
+            return math.nan
+        load = self._metric(balanced) * probe
         try:
-            return float(critical_modes(point.balanced, 1, iterations=6)[0][0])
+            image, _ = balanced.factorization.solve(load)
         except FactorizationError:
             return math.nan
+        inverse = float(load @ image)
+        return 1.0 / inverse if inverse else math.nan
 
     def _hides_index(self, point: Point) -> bool:
         """Return whether rounding errors hide the index of the end of a step."""
         balanced = point.balanced
         if balanced.marginal or point.index == self.anchor.index:
             return balanced.marginal
-        try:
-            values, modes = critical_modes(balanced, 1, iterations=6)
-        except FactorizationError:
+        probe = self._probe(point)
+        if probe is None:
             return True
-        return bool(abs(values[0]) <= self._floor(balanced, modes[0]))
+        return abs(self._test(point, probe)) <= self._floor(balanced, probe)
 
     def _classified(self, end: Point, crossings: list[Crossing], turned: bool) -> list[Crossing]:
         """Tell folds from bifurcations: only at a fold does the parameter turn."""
@@ -980,7 +1010,7 @@ class Follower:
         floor = self._floor(near.balanced, mode)
         values = crossing.values
         if not np.all(np.isfinite(values)):
-            values = (self._test(crossing.left), self._test(crossing.right))
+            values = (self._test(crossing.left, mode), self._test(crossing.right, mode))
         change = abs(values[1] - values[0])
         run = abs(crossing.right.parameter - crossing.left.parameter)
         return 0.0 if not change > 0 else min(floor / change, 1e3) * run
