@@ -69,7 +69,7 @@ lock-check: env
 	$(RUN) tools/lock.py --check
 
 clean:
-	rm -rf -- "$(BUILD)" .pytest_cache .ruff_cache .mypy_cache .hypothesis .benchmarks
+	rm -rf -- "$(BUILD)" build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis .benchmarks
 
 distclean: clean
 	rm -rf -- "$(VENV)"
