@@ -14,7 +14,7 @@ ROOT = Path(lissome.__file__).parent
 #: those that share a line do not know each other.
 FLOORS = [
     {"errors", "_version", "_compile", "_digits", "_archive", "_units", "_sources",
-     "_fingerprint", "_validate", "_progress", "_readonly", "_points", "_executors", "_work",
+     "_fingerprint", "_validate", "_telling", "_progress", "_readonly", "_points", "_executors", "_work",
      "_datapackage"},
     {"sweeps", "literature", "_digitized", "factorization", "_chain", "_tridiagonal",
      "_multifrontal", "reactions"},

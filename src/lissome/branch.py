@@ -47,6 +47,7 @@ from ._branch_records import (
 )
 from ._corrector import TOLERANCE, Family, Slope
 from ._follower import Follower
+from ._telling import one_call
 from ._validate import finite, finite_array, functions, positive, structure_like
 from .equilibrium import Equilibrium
 from .errors import InvalidInput
@@ -132,6 +133,7 @@ class Branch:
             data[name] = np.array([row.outputs[name] for row in self.rows], dtype=float)
         return pd.DataFrame(data)
 
+    @one_call
     def switch(
         self,
         event: Event,
@@ -260,6 +262,7 @@ class Branch:
         return Branch(family, events, finished, rows, settings, functions("outputs", outputs))
 
 
+@one_call
 def follow(
     family: Family,
     start: float,

@@ -17,6 +17,7 @@ from typing import Any, Literal, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._telling import one_call, user_level
 from ._validate import PLAIN, finite, finite_array, integer_at_least, one_of, structure_like
 from .errors import (
     FactorizationError,
@@ -919,6 +920,7 @@ def _estimate_multipliers(structure: Structure, state: Any) -> Array:
         return zero
 
 
+@one_call
 def equilibrate(
     structure: Structure,
     start: Any = None,
@@ -1027,5 +1029,5 @@ def _told(result: Equilibrium) -> Equilibrium:
     """Let the structure warn of what is wrong with an equilibrium, and return it."""
     warn = getattr(result.structure, "warn", None)
     if warn is not None:
-        warn(result, 4)
+        warn(result, user_level() + 1)
     return result

@@ -37,6 +37,7 @@ from ._corrector import (
 )
 from ._descent import descend, distance
 from ._stored import pack_equilibria, unpack_equilibria, without_what_cannot_travel
+from ._telling import one_call
 from ._validate import finite, finite_array, functions, integer_at_least, positive
 from .equilibrium import Equilibrium
 from .errors import DataError, FactorizationError, InvalidInput, NotConverged
@@ -411,6 +412,7 @@ class History:
             raise DataError(f"the file {path} is incomplete: {error!r}") from error
 
 
+@one_call
 def evolve(
     evolving: Evolving,
     memory: Any,

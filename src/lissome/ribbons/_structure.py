@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from .._telling import is_news, user_level
 from .._validate import finite, finite_array, one_of
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning, NotConverged
@@ -931,7 +932,7 @@ class Ribbon(BaseStructure):
         """
         from ._equilibrium import ROUGH, RibbonEquilibrium
 
-        found = self.diagnose(equilibrium.state)
+        found, kind = self.diagnose(equilibrium.state), "sharp hinge of a ribbon"
         result = equilibrium.as_type(RibbonEquilibrium)
         if self.pins_phase and not self.half_turns % 2 and self.law.natural_twist:
             self._check_pin(result)
@@ -942,6 +943,7 @@ class Ribbon(BaseStructure):
             and (self.law.has_fold or not self.closed)
             and np.max(result.bending_jumps, initial=0.0) > ROUGH
         ):
+            kind = "jumps of a ribbon"
             found = (
                 "the bending jumps between neighboring hinges: use more segments, or see "
                 "`check_smooth`"
@@ -953,12 +955,13 @@ class Ribbon(BaseStructure):
         ):
             wanted = 0.5 * self.half_turns
             if abs(result.link - wanted) > 0.25:
+                kind = "crossing of a ribbon"
                 found = (
                     f"the band with {self.half_turns} half turns has passed through itself: its link is "
                     f"{result.link:.3g} instead of {wanted:g}; self-contact is not modeled"
                 )
-        if found:
-            warnings.warn(found, LissomeWarning, stacklevel=5)
+        if found and is_news(kind):
+            warnings.warn(found, LissomeWarning, stacklevel=user_level())
         return result
 
     def _check_pin(self, found: Any) -> None:

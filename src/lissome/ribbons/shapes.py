@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._telling import one_call
 from .._validate import finite
 from ..errors import InvalidInput
 from ..rods import Kirchhoff, Rod, ring
@@ -131,6 +132,7 @@ def circle(
     return Ribbon(law, rod, scheme)
 
 
+@one_call
 def band(
     length: float | None = None,
     segments: int | None = None,

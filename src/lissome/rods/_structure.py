@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._telling import is_news, user_level
 from .._validate import finite, finite_array, integer_at_least, moderate, one_of, positive
 from ..equilibrium import Equilibrium
 from ..errors import InvalidInput, LissomeWarning
@@ -985,15 +986,15 @@ class Rod(BaseStructure):
             If a hinge turns by more than 150 degrees: the mesh is too coarse.
         """
         found = self.diagnose(equilibrium.state)
-        if found:
-            warnings.warn(found, LissomeWarning, stacklevel=5)
+        if found and is_news("sharp hinge of a rod"):
+            warnings.warn(found, LissomeWarning, stacklevel=user_level())
         return equilibrium.as_type(RodEquilibrium)
 
     def warn(self, equilibrium: Equilibrium, stacklevel: int = 2) -> None:
         """Warn if the rod crosses itself: self-contact is not modeled.
 
         :func:`lissome.equilibrate` asks for this; a branch does not, whose states can be asked one by
-        one (:meth:`RodEquilibrium.self_crossings`).
+        one (:meth:`RodEquilibrium.self_crossings`). A call of the library warns once.
 
         Parameters
         ----------
@@ -1011,7 +1012,7 @@ class Rod(BaseStructure):
         if topology.advances(state.quaternions):
             return
         nodes = self.positions(state)
-        if topology.self_crossings(nodes, closed=self.closed):
+        if topology.self_crossings(nodes, closed=self.closed) and is_news("crossing of a rod"):
             warnings.warn(
                 "the rod passes through itself, or comes within a thousandth of its length of itself; "
                 "self-contact is not modeled: `self_crossings` of the equilibrium tells where",
