@@ -47,7 +47,7 @@ def test_every_entry_says_how_it_was_verified(entries):
     for key, entry in entries.items():
         how = entry.fields.get("verification", "")
         assert len(how) > 8, key
-        assert not re.search(r"https?:|/tmp|/work|memory", how), key
+        assert not re.search(r"https?:|(?<!\w)/\w|memory", how), key  # no address, no path
         if "not seen" in how:
             assert entry.fields["note"].startswith("record "), key  # the reader is told, too
 
