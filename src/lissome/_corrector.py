@@ -151,7 +151,7 @@ def correct(
     def newton(evaluation: Any, factors: Factorization, *place: Any) -> tuple[Array, Array, float]:
         if stable and not factors.is_minimum:
             raise CorrectionFailed("an iterate is not stable")
-        dx, dm = factors.solve(-evaluation.gradient, -evaluation.constraints)
+        dx, dm = factors.solve(-evaluation.gradient, -evaluation.constraints, refine=polish)
         return dx, dm, 0.0
 
     balanced, _ = _iterate(lambda p: structure, 0.0, state, multipliers, newton, tolerance,
@@ -222,7 +222,7 @@ def correct_on_plane(
         # Bordering: two solves with the same factors, and a scalar equation for the parameter.
         rhs_x = np.stack([-evaluation.gradient, -slope[0]], axis=1)
         rhs_c = np.stack([-evaluation.constraints, -slope[1]], axis=1)
-        dx, dm = factors.solve(rhs_x, rhs_c)
+        dx, dm = factors.solve(rhs_x, rhs_c, refine=polish)
         denominator = row[0] @ dx[:, 1] + row[1]
         if denominator == 0.0 or not np.isfinite(denominator):
             raise CorrectionFailed("the plane of corrections contains the branch")

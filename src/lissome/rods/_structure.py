@@ -130,6 +130,20 @@ def _state(
     return state
 
 
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+
+
+def _turns(a: Array, b: Array) -> Array:
+    """Return the rotation vectors, shape (k, 3), from frames `a` to frames `b` of states."""
+    s, v, t, w = a[:, :1], a[:, 1:], b[:, :1], b[:, 1:]
+    scalar = np.einsum("ij,ij->i", a, b)[:, None]
+    vector = s * w - t * v - v[:, _NEXT] * w[:, _AFTER] + v[:, _AFTER] * w[:, _NEXT]
+    size = np.sqrt(np.einsum("ij,ij->i", vector, vector))[:, None]
+    angle = np.arctan2(size, np.abs(scalar))
+    factor = np.divide(2.0 * angle, size, out=np.full_like(size, 2.0), where=size > 0.0)
+    return np.asarray(np.copysign(factor, scalar) * vector)
+
+
 @dataclass(frozen=True, eq=False)
 class Rod(BaseStructure):
     r"""A discrete elastic rod: rigid segments with frames, elastic hinges at the nodes.
@@ -788,7 +802,7 @@ class Rod(BaseStructure):
         count = self.lengths.size
         columns = plan.column[:count]
         free = columns >= 0
-        turns = logarithm(multiply(conjugate(a.quaternions[free]), b.quaternions[free]))
+        turns = _turns(a.quaternions[free], b.quaternions[free])
         dx[columns[free][:, None] + np.arange(3)] = turns
         stretch = plan.stretch_column >= 0
         dx[plan.stretch_column[stretch]] = (b.stretches - a.stretches)[stretch]
