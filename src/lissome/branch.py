@@ -76,8 +76,6 @@ class Branch:
         Whether the branch came to its end; False for what an interruption has left.
     family, outputs, derivative
         What was followed: the arguments of :func:`follow`.
-    rows, settings
-        The equilibria and options in the form in which :meth:`save` writes them.
 
     Examples
     --------
@@ -102,35 +100,36 @@ class Branch:
     family: Family = field(repr=False)
     events: tuple[Event, ...]
     finished: bool
-    rows: tuple[Row, ...] = field(repr=False)
-    settings: Settings = field(repr=False)
+    #: Equilibria and options in the form in which `save` writes them.
+    _rows: tuple[Row, ...] = field(repr=False)
+    _settings: Settings = field(repr=False)
     outputs: Outputs = field(repr=False)
     derivative: Slope | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self._rows)
 
     @property
     def equilibria(self) -> tuple[Equilibrium, ...]:
         """The states of the rows of the table."""
-        return tuple(row.equilibrium for row in self.rows)
+        return tuple(row.equilibrium for row in self._rows)
 
     @cached_property
     def table(self) -> pd.DataFrame:
         """One row for each equilibrium."""
         data: dict[str, Any] = {
-            "parameter": np.array([row.parameter for row in self.rows], dtype=float),
-            "energy": np.array([row.equilibrium.energy for row in self.rows], dtype=float),
+            "parameter": np.array([row.parameter for row in self._rows], dtype=float),
+            "energy": np.array([row.equilibrium.energy for row in self._rows], dtype=float),
             "smallest_eigenvalue": np.array(
-                [row.smallest_eigenvalue for row in self.rows], dtype=float
+                [row.smallest_eigenvalue for row in self._rows], dtype=float
             ),
-            "index": np.array([row.index for row in self.rows], dtype=int),
-            "stable": np.array([row.stable for row in self.rows], dtype=bool),
-            "kind": [row.kind for row in self.rows],
-            "arclength": np.array([row.arclength for row in self.rows], dtype=float),
+            "index": np.array([row.index for row in self._rows], dtype=int),
+            "stable": np.array([row.stable for row in self._rows], dtype=bool),
+            "kind": [row.kind for row in self._rows],
+            "arclength": np.array([row.arclength for row in self._rows], dtype=float),
         }
-        for name in self.settings.outputs:
-            data[name] = np.array([row.outputs[name] for row in self.rows], dtype=float)
+        for name in self._settings.outputs:
+            data[name] = np.array([row.outputs[name] for row in self._rows], dtype=float)
         return pd.DataFrame(data)
 
     @one_call
@@ -208,7 +207,7 @@ class Branch:
             if not np.any(mode):
                 raise InvalidInput("argument `mode` is zero; it must be a direction")
         outputs = options.pop("outputs", self.outputs)
-        old = self.settings
+        old = self._settings
         if bounds is None:
             ends = (old.start, old.stop if stop is None else finite("stop", stop))
             bounds = (min(*ends, event.parameter), max(*ends, event.parameter))
@@ -233,7 +232,7 @@ class Branch:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the branch to the file `path` (.npz: arrays and JSON, no pickle), all or nothing."""
-        meta, arrays = pack(self.rows, self.events, self.settings, self.finished)
+        meta, arrays = pack(self._rows, self.events, self._settings, self.finished)
         _archive.write(path, meta, arrays)
 
     @staticmethod
@@ -424,7 +423,7 @@ def _walked(follower: Follower, begin: Callable[[], None], progress: bool | None
     def branch() -> Branch:
         return Branch(
             family=follower.original, events=tuple(follower.events), finished=follower.finished,
-            rows=tuple(follower.rows), settings=follower.settings, outputs=follower.outputs,
+            _rows=tuple(follower.rows), _settings=follower.settings, outputs=follower.outputs,
             derivative=follower.derivative,
         )  # fmt: skip
 

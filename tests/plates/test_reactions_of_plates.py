@@ -70,6 +70,37 @@ def test_moments_of_the_supports_balance_the_pressure(scheme, more, name):
     assert eq.reactions().total().moment == pytest.approx(-load, abs=1e-9 * q)
 
 
+@pytest.mark.parametrize("orders", [(2, 1), (2, 2)])
+def test_what_moments_of_the_mixed_scheme_miss(orders):
+    """It is the work of membrane forces on the misfit of the slopes, and vanishes with the mesh."""
+    missing = []
+    for q, divisions in ((1e-8, 2), (1e-2, 2), (1e-2, 4), (1e-2, 8)):
+        plate = MixedPlate(
+            mesh=meshes.rectangle(2.0, 1.0, divisions, center=(0.2, 0.1)), bending=1e-3,
+            poisson_ratio=0.3, pressure=lambda x, y, q=q: q * (1 + x + 2 * y), edges="hinged",
+            orders=orders,
+        )  # fmt: skip
+        eq = ls.equilibrate(plate)
+        load = q * np.array([2 * 2.0 / 12, -(2.0**3) / 12, 0.0])
+        found = (eq.reactions().total().moment + load) / q
+        # Slopes and gradients of the deflection at the points of quadrature, and membrane forces.
+        m, x = plate._membrane_data(), plate._vector(eq.state)
+        n, k = m["gradients"].shape[2], m["tilts"].shape[2]
+        u = [x[m["local"][:, i * n : (i + 1) * n]] for i in range(2)]
+        du = np.stack([np.einsum("tqnx,tn->tqx", m["gradients"], part) for part in u], axis=-2)
+        xi = np.einsum("tqnx,tn->tqx", m["tilts"], x[m["local"][:, 2 * n : 2 * n + k]])
+        w = plate._parts(x)[1][plate.space.inner_local]
+        slope = np.einsum("tqnx,tn->tqx", plate._material["inner_gradients"], w)
+        strain = 0.5 * (du + du.swapaxes(-1, -2) + xi[..., :, None] * xi[..., None, :])
+        trace = np.trace(strain, axis1=-2, axis2=-1)[..., None, None]
+        force = (0.7 * strain + 0.3 * trace * np.eye(2)) / (1 - 0.3**2)
+        work = np.einsum("tq,tqij,tqj->i", m["weights"], force, xi - slope) / q
+        assert found == pytest.approx([work[1], -work[0], 0.0], abs=1e-9)
+        missing.append(float(np.hypot(*work)))
+    assert missing[0] < 1e-9  # a plate that stays flat has no membrane forces
+    assert math.log2(missing[1] / missing[3]) / 2 > 2
+
+
 def test_what_two_edges_share_is_counted_once():
     options = {"mesh": meshes.rectangle(divisions=3), "bending": 1e-2, "poisson_ratio": 0.3,
                "pressure": 1.0}  # fmt: skip

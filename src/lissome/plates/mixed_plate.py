@@ -74,6 +74,12 @@ class MixedPlate(PlateUnknowns):
     (and that of the literal one on curved triangles, if w is of degree 1); the mean of the slopes is
     therefore held at zero by two more constraints where tilts are allowed.
 
+    For the same reason the moments of the supports about axes in the plane balance those of the loads to
+    the error of the discretization: what is missing is the work of the membrane forces N on the misfit of
+    the slopes, the vector :math:`\int N (\xi - \nabla w)`, turned by a right angle. It vanishes
+    in a plate without membrane forces and with the mesh (order three, where measured). Forces, and moments
+    about the normal, balance to rounding errors, as all do of a :class:`~lissome.plates.Plate`.
+
     Examples
     --------
     A clamped disc of radius R under a small pressure q: in the middle :math:`qR^4/64D`, to the error of
