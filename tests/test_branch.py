@@ -1004,3 +1004,11 @@ def test_brackets_are_as_short_as_asked_for():
     narrow = follow(pitchfork, -1.0, 2.0).events[0]
     assert abs(wide.parameter) <= wide.uncertainty <= 3e-3
     assert abs(narrow.parameter) <= narrow.uncertainty <= 1e-7
+
+
+def test_accuracy_does_not_depend_on_where_corrections_end():
+    # Each state is x = sqrt(p), whether its last correction was found small or foretold to be.
+    branch = follow(pitchfork, 0.05, 2.0, initial=VectorState([1.0]), outputs=X)
+    table = branch.table
+    assert table.x.to_numpy() == pytest.approx(np.sqrt(table.parameter.to_numpy()), abs=1e-12)
+    assert max(e.history[-1].correction for e in branch.equilibria) <= 1e-6

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from lissome import _multifrontal
+from lissome import _chain, _multifrontal
 from lissome.errors import FactorizationError, InvalidInput
 from lissome.factorization import (
     ChainKKT,
@@ -487,3 +487,18 @@ def test_sparse_input_is_checked():
         SparseKKT(sparse.eye_array(3), sparse.eye_array(2))
     with pytest.raises(FactorizationError, match="NaN"):
         SparseKKT(sparse.diags_array([1.0, np.nan])).factorize()
+
+
+@pytest.mark.parametrize("size", range(1, 13))
+def test_rotations_find_the_eigenvalues_of_small_matrices(size):
+    rng = np.random.default_rng(size)
+    full = rng.standard_normal((size, size))
+    vector = rng.standard_normal((size, 1))
+    hollow = full + full.T
+    np.fill_diagonal(hollow, 0.0)
+    for matrix in (full + full.T, 1e-150 * vector @ vector.T, hollow, np.zeros((size, size))):
+        values, vectors = np.empty(size), np.empty((size, size))
+        _chain._eigen_of_small(matrix.copy(), values, vectors)
+        scale = 1e-14 * size * np.max(np.abs(matrix))
+        assert np.abs(vectors.T @ vectors - np.eye(size)).max() < 1e-13
+        assert np.abs(matrix @ vectors - vectors * values).max() <= scale

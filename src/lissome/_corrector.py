@@ -32,9 +32,9 @@ EPS = float(np.finfo(float).eps)
 TOLERANCE = 1e-8
 #: Corrections up to which a state that is said to be an equilibrium is one.
 LARGEST_CONFIRMED = 1e-4
-#: The correction that would follow, over the tolerance, where the last one is foretold; and by how much
-#: it must decrease the residual.
-_NEXT, _DECREASE = 1e-5, 1e-2
+#: The correction that would follow, over the tolerance, where the last one is foretold; and the relative
+#: residual that it must leave.
+_NEXT = 1e-5
 #: Largest ratio of successive corrections.
 CONTRACTION = 0.5
 
@@ -329,7 +329,7 @@ def _iterate(
                     dm,
                     dp,
                     noise,
-                    residual if done else _DECREASE * residual,
+                    residual if done else min(residual, _NEXT * tolerance),
                     evaluation.kkt,
                 )
                 done = done or last is not None

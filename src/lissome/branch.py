@@ -320,7 +320,8 @@ def follow(
         +1 or -1: along which side of the critical mode a snap at a bifurcation descends. (At a fold the
         side is the direction of travel.)
     tolerance : float, optional
-        Relative size of the corrections at which a state is accepted.
+        Relative size of the corrections at which a state is accepted. Up to a hundred times that will do
+        where those before it tell that the next would be far smaller.
     event_tolerance : float, optional
         Length of the bracket, relative to the interval, to which events are located.
     overshoot : float, optional

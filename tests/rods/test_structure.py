@@ -447,3 +447,15 @@ def test_branch_of_a_strip_under_compression():
         thrusts.append(branch.table["thrust"].iloc[-1])
     exact = elastica.buckled_strip(0.85).thrust
     assert (4 * thrusts[1] - thrusts[0]) / 3 == pytest.approx(exact, rel=1e-4)
+
+
+def test_difference_of_states_undoes_retraction():
+    rod = straight(20).clamped("start")
+    rng = np.random.default_rng(0)
+    state = rod.retract(rod.start(), 0.5 * rng.standard_normal(rod.size))
+    for size in (0.0, 1e-12, 1e-3, 1.5):  # turns of less than pi
+        step = size * rng.uniform(-1.0, 1.0, rod.size)
+        found = rod.difference(state, rod.retract(state, step))
+        assert found == pytest.approx(step, abs=2e-15 + 1e-14 * size)
+    turned = RodState(-state.quaternions, state.origin)  # the same frames
+    assert np.max(np.abs(rod.difference(state, turned))) < 2e-15
