@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import itertools
 import json
+import multiprocessing
 import os
 import shutil
 import signal
@@ -686,7 +687,9 @@ def test_a_worker_that_dies_is_reported_and_the_finished_points_are_kept(tmp_pat
 
 
 def test_functions_that_an_executor_cannot_send_are_reported():
-    processes = concurrent.futures.ProcessPoolExecutor(1)
+    # Other tests have left threads in this process: a fork of it could wait for a lock for ever.
+    spawn = multiprocessing.get_context("spawn")
+    processes = concurrent.futures.ProcessPoolExecutor(1, mp_context=spawn)
     with processes, pytest.raises(SweepFailed, match=r"could not be sent.*executor=None"):
         lissome.sweep(lambda x: x, {"x": [1]}, processes)
     with pytest.raises(SweepFailed, match="shutdown"):
