@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from decimal import ROUND_HALF_EVEN, Decimal, localcontext
 from typing import Any
 
@@ -82,8 +84,8 @@ def _joined(digits: str, exponent: int, style: str) -> str:
 
 def _parts(value: Any, uncertainty: Any) -> tuple[str, str, int]:
     """Return the digits of the number, those of the uncertainty, and a power of ten."""
-    number = finite("value", value)
-    spread = nonnegative("uncertainty", uncertainty)
+    number = finite("value", value, largest=math.inf)
+    spread = nonnegative("uncertainty", uncertainty, largest=math.inf)
     with localcontext() as context:
         context.prec = 800  # any two floats side by side
         v = Decimal(repr(number))

@@ -50,7 +50,7 @@ def _shown(value: Any) -> str:
     return text if len(text) <= _LONGEST_REPR else text[: _LONGEST_REPR - 3] + "..."
 
 
-def finite(name: str, value: Any, *, unit: str = "") -> float:
+def finite(name: str, value: Any, *, unit: str = "", largest: float = LARGEST) -> float:
     """Return `value` as a finite ``float``.
 
     Parameters
@@ -61,6 +61,8 @@ def finite(name: str, value: Any, *, unit: str = "") -> float:
         A real number; numpy scalars and arrays of shape ``()`` will do.
     unit : str, optional
         Unit, for the message.
+    largest : float, optional
+        Refused beyond.
 
     Returns
     -------
@@ -94,9 +96,9 @@ def finite(name: str, value: Any, *, unit: str = "") -> float:
         number = math.inf
     if not math.isfinite(number):
         raise InvalidInput(f"argument `{name}` is {_shown(value)}; {wanted}")
-    if abs(number) > LARGEST:
+    if abs(number) > largest:
         raise InvalidInput(
-            f"argument `{name}` is {_shown(value)}; use units in which it is at most {LARGEST:g}"
+            f"argument `{name}` is {_shown(value)}; use units in which it is at most {largest:g}"
         )
     return number
 
@@ -141,7 +143,7 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     return number
 
 
-def nonnegative(name: str, value: Any, unit: str = "") -> float:
+def nonnegative(name: str, value: Any, unit: str = "", largest: float = LARGEST) -> float:
     """Return `value` as a finite ``float`` that is zero or greater, or raise :class:`InvalidInput`.
 
     Examples
@@ -149,7 +151,7 @@ def nonnegative(name: str, value: Any, unit: str = "") -> float:
     >>> nonnegative("intensity", 0)
     0.0
     """
-    number = finite(name, value, unit=unit)
+    number = finite(name, value, unit=unit, largest=largest)
     if number < 0.0:
         raise InvalidInput(
             f"argument `{name}` is {_shown(value)}; it must be at least 0{_space(unit)}"
