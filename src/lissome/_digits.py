@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-
 from decimal import ROUND_HALF_EVEN, Decimal, localcontext
 from typing import Any
 

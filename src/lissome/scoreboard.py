@@ -456,7 +456,7 @@ def record(
 
 def _uncertainty(judge: Any, uncertainty: float | None) -> float | None:
     if uncertainty is not None:
-        return nonnegative("uncertainty", uncertainty)
+        return nonnegative("uncertainty", uncertainty, largest=math.inf)
     if judge.has_value:
         raise InvalidInput(
             f"argument `uncertainty` is missing; '{judge.id}' has a headline number, and no digit "
@@ -473,8 +473,9 @@ def _independent(given: object, spread: float | None) -> tuple[float, float] | N
             raise InvalidInput(
                 f"argument `independent` is {given!r}; give (number, uncertainty) or one number"
             )
-        return finite("independent", given[0]), nonnegative("independent", given[1])
-    number = finite("independent", given)
+        first = finite("independent", given[0], largest=math.inf)
+        return first, nonnegative("independent", given[1], largest=math.inf)
+    number = finite("independent", given, largest=math.inf)
     if spread is None:
         raise InvalidInput(
             "argument `independent` has no uncertainty; give (number, uncertainty) or `uncertainty`"

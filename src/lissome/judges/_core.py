@@ -6,6 +6,7 @@ page says can change a verdict except the numbers themselves.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -279,7 +280,7 @@ def judge(id: str, /, **needs: Need) -> Callable[[Decision], Judge]:
 
 def _clean(argument: str, kind: str, fact: object) -> Fact:
     if kind == "number":
-        return finite(argument, fact)
+        return finite(argument, fact, largest=math.inf)
     if kind == "flag":
         if not isinstance(fact, (bool, np.bool_)):
             raise InvalidInput(f"argument `{argument}` is {fact!r}; pass True or False")
