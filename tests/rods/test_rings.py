@@ -58,7 +58,8 @@ def test_ring_folds_from_one_turn_to_three_without_force():
         reported = [i for i, kind in enumerate(fold.table["kind"]) if kind == "reported"]
         assert fold.table["stable"].iloc[reported].all()
         for i in reported:
-            eq, exact = fold.equilibria[i], folding.folded_ring(section, fold.rows[i].parameter)
+            eq = fold.equilibria[i]
+            exact = folding.folded_ring(section, fold.table["parameter"].iloc[i])
             misses.append(eq.energy - exact.energy)
             assert np.abs(eq.forces).max() < 1e-8 * exact.moment
             assert np.ptp(eq.moment_vectors, axis=0).max() < 1e-8 * exact.moment
@@ -89,7 +90,7 @@ def test_sections_of_an_undercurved_ring_turn_evenly():
     assert turned.events[-1].parameter == pytest.approx(-begins, abs=1e-6)
     curvature = 2 * count * np.sin(np.pi / count)
     seen = 0
-    for row, eq in zip(turned.rows, turned.equilibria, strict=True):
+    for row, eq in zip(turned.table.itertuples(), turned.equilibria, strict=True):
         if row.kind != "reported":
             continue
         seen += 1
