@@ -1,5 +1,6 @@
 """Sweeps on a Dask cluster of two workers: same numbers, dead workers, a run that is killed."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -13,17 +14,31 @@ import pytest
 import lissome
 from lissome.errors import SweepFailed
 
+dask = pytest.importorskip("dask", reason="the extra `cluster` is not installed")
 distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 
 
-@pytest.fixture(scope="module")
-def client():
+@contextlib.contextmanager
+def two_workers():
     with (
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
+        yield client
+
+
+@pytest.fixture(scope="module")
+def client():
+    with two_workers() as client:
+        yield client
+
+
+@pytest.fixture
+def mortals():
+    """A cluster of its own for workers that die: on a busy machine none may take their place."""
+    with dask.config.set({"distributed.scheduler.allowed-failures": 1}), two_workers() as client:
         yield client
 
 
@@ -75,7 +90,7 @@ def test_points_run_on_all_workers_with_one_blas_thread_each(client):
     assert (table["threads"] == 1).all()
 
 
-def test_points_of_a_dead_worker_go_to_another(client, tmp_path):
+def test_points_of_a_dead_worker_go_to_another(mortals, tmp_path):
     marker = str(tmp_path / "died")
 
     def mortal(n):
@@ -88,12 +103,12 @@ def test_points_of_a_dead_worker_go_to_another(client, tmp_path):
         time.sleep(0.05)
         return n * n
 
-    table = lissome.sweep(mortal, {"n": range(6)}, client, tmp_path / "cache")
+    table = lissome.sweep(mortal, {"n": range(6)}, mortals, tmp_path / "cache")
     assert os.path.exists(marker)
     assert table["value"].tolist() == [n * n for n in range(6)]
 
 
-def test_a_point_that_kills_every_worker_is_named_and_the_others_are_kept(client, tmp_path):
+def test_a_point_that_kills_every_worker_is_named_and_the_others_are_kept(mortals, tmp_path):
     def deadly(n):
         import os
         import time
@@ -104,8 +119,8 @@ def test_a_point_that_kills_every_worker_is_named_and_the_others_are_kept(client
         return n
 
     with pytest.raises(SweepFailed, match=r"(?s)worker process died.*n=3.*stored; run again"):
-        lissome.sweep(deadly, {"n": [0, 1, 2, 3]}, client, tmp_path)
-    table = lissome.sweep(deadly, {"n": [0, 1, 2]}, client, tmp_path)
+        lissome.sweep(deadly, {"n": [0, 1, 2, 3]}, mortals, tmp_path)
+    table = lissome.sweep(deadly, {"n": [0, 1, 2]}, mortals, tmp_path)
     assert table.attrs["sweep"] == {"points": 3, "computed": 0, "cached": 3, "failed": 0}
 
 
