@@ -1012,3 +1012,30 @@ def test_accuracy_does_not_depend_on_where_corrections_end():
     table = branch.table
     assert table.x.to_numpy() == pytest.approx(np.sqrt(table.parameter.to_numpy()), abs=1e-12)
     assert max(e.history[-1].correction for e in branch.equilibria) <= 1e-6
+
+
+def test_energy_released_where_the_parameter_moves_a_support():
+    """Of x^4/4 - x^2/2 + k (y - x)^2/2 with y = p: fold at x^2 = (1 - k)/3, beyond it the root -2x."""
+    k = 0.5
+
+    def pulled(p):
+        return DenseStructure(
+            initial=[-1.0, p],
+            energy=lambda z: z[0] ** 4 / 4 - z[0] ** 2 / 2 + k * (z[1] - z[0]) ** 2 / 2,
+            gradient=lambda z: np.array([z[0] ** 3 - z[0] - k * (z[1] - z[0]), k * (z[1] - z[0])]),
+            hessian=lambda z: np.array([[3 * z[0] ** 2 - 1 + k, -k], [-k, k]]),
+            constraints=lambda z: np.array([z[1] - p]),
+            jacobian=lambda z: np.array([[0.0, 1.0]]),
+        )
+
+    x = -np.sqrt((1 - k) / 3)
+    p = x + (x**3 - x) / k
+    total = lambda z: z**4 / 4 - z**2 / 2 + k * (p - z) ** 2 / 2  # noqa: E731
+    for overshoot in (1e-2, 1e-3):
+        found = follow(pulled, -1.0, 2.0, on_fold="snap", overshoot=overshoot)
+        (snap,) = [event for event in found.events if event.kind == "snap"]
+        beyond = found.table.parameter[snap.after_row] - p
+        assert beyond > 0.5 * overshoot
+        # The forces of the two states differ by k times the difference of x.
+        exact = total(x) - total(-2 * x) - 3 * k * x * beyond
+        assert snap.energy_released == pytest.approx(exact, abs=3 * beyond**2)

@@ -30,6 +30,15 @@ def distance(structure: Any, one: Any, other: Any) -> float:
     return float(np.max(gap))
 
 
+def energy_before(structure: Any, before: Balanced) -> float:
+    """Return the energy that a state of a nearby structure has in `structure`.
+
+    To first order in how much supports move from the one to the other: with the work of their forces.
+    """
+    here = structure.evaluate(structure.adopt(before.state), before.multipliers, 0)
+    return float(here.energy + before.multipliers @ here.constraints)
+
+
 def descend(
     structure: Any,
     before: Balanced,
@@ -56,7 +65,7 @@ def descend(
         Makes the exception from a message.
     """
     state = structure.adopt(before.state)
-    top = structure.evaluate(state, before.multipliers, 0).energy
+    top = energy_before(structure, before)
     size = typical_size(structure, state)
     kept = _continued(structure, state, before.multipliers)
     slack = 1e3 * EPS * (abs(top) + abs(before.energy))

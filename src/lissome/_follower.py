@@ -37,7 +37,7 @@ from ._corrector import (
     member,
     slope_beside,
 )
-from ._descent import descend
+from ._descent import descend, energy_before
 from .equilibrium import Equilibrium, equilibrate
 from .errors import FactorizationError, InvalidInput, NotConverged, StabilityNotResolvable
 from .sensitivities import implicit_derivative, residual_slope
@@ -1063,10 +1063,7 @@ class Follower:
         signs = (1,) if crossing.fold else (s.sign, -s.sign)
         self._arrive(left, direction, event.arclength)
         after = descend(self.family(frozen), left.balanced, event.modes, signs, self._interrupted)
-        before = self.family(frozen)
-        energy = before.evaluate(
-            before.adopt(left.balanced.state), left.balanced.multipliers, 0
-        ).energy  # fmt: skip
+        energy = energy_before(self.family(frozen), left.balanced)
         row = self._emit("event", as_balanced(after), frozen, event.arclength)
         self.events.append(
             replace(

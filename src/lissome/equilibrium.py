@@ -779,6 +779,43 @@ class _Solver:
             or np.all(change <= 1e3 * self.noise * self.force_terms)
         )
 
+    def corrected(self, require: str) -> Equilibrium | None:
+        """Return what the structure's own Newton iteration finds, if it has one and it will do."""
+        correct = getattr(self.structure, "correct", None)
+        state, multipliers = self.state, self.multipliers
+        fast = None if correct is None else correct(state, multipliers, self.tolerance)
+        if fast is None:
+            return None
+        self.state, self.multipliers = fast.state, np.asarray(fast.multipliers, dtype=float)
+        self.evaluate(fast)
+        if require == "any" or (self.plain is not None and self.plain.is_minimum):
+            dx, dmult, correction = self.correction_at_hand()
+            if self.residual <= self.noise or (
+                correction <= self.tolerance and self.settled(dmult)
+            ):
+                self.record(correction, 0.0, 1.0, "fast")
+                return self.finish(dx, dmult, correction)
+        self.state, self.multipliers = state, multipliers
+        return None
+
+    def descended(self, known: bool) -> Equilibrium | None:
+        """Return the minimum below, of a structure that has a way of its own to find one.
+
+        `known`: whether the multipliers are near those of the state.
+        """
+        descended = getattr(self.structure, "descended", None)
+        if descended is None:
+            return None
+        for guess in (self.multipliers, None) if known else (None,):
+            lower = descended(self.state, guess)
+            if lower is None:
+                continue
+            self.state, self.multipliers = lower
+            found = self.corrected("stable")
+            if found is not None:
+                return found
+        return None
+
     def stable(self) -> Equilibrium:
         """Descend to a minimum."""
         previous = math.inf
@@ -1010,18 +1047,11 @@ def equilibrate(
     else:
         guess = finite_array("multipliers", multipliers, shape=(m,))
     solver = _Solver(structure, state, guess, tol, max_iterations, on_iteration)
-    correct = getattr(structure, "correct", None)
-    if correct is not None:
-        fast = correct(state, guess, tol)
-        if fast is not None:
-            solver.state, solver.multipliers = fast.state, np.asarray(fast.multipliers, dtype=float)
-            solver.evaluate(fast)
-            if require == "any" or (solver.plain is not None and solver.plain.is_minimum):
-                dx, dmult, correction = solver.correction_at_hand()
-                if solver.residual <= solver.noise or (correction <= tol and solver.settled(dmult)):
-                    solver.record(correction, 0.0, 1.0, "fast")
-                    return _told(solver.finish(dx, dmult, correction))
-            solver.state, solver.multipliers = state, guess
+    corrected = solver.corrected(require)
+    if corrected is None and require == "stable":
+        corrected = solver.descended(multipliers is not None)
+    if corrected is not None:
+        return _told(corrected)
     return _told(solver.stable() if require == "stable" else solver.any())
 
 

@@ -128,14 +128,17 @@ class Structure(Protocol):
 
     Vectors `dx` are tangent vectors of the manifold of states: increments of the `size` unknowns.
 
-    Five methods are optional. ``present(equilibrium)`` returns the structure's own subclass of
+    Six methods are optional. ``present(equilibrium)`` returns the structure's own subclass of
     :class:`~lissome.equilibrium.Equilibrium`. ``correct(state, multipliers, tolerance)`` is a fast
     corrector: it returns a nearby stationary point as :class:`Corrected`, or None if it does not get
     to one. :func:`lissome.equilibrate` calls it once, before its own descent, with the start and a
     guess of the multipliers, and judges balance and stability of what it returns like those of any
     state: the corrector may hand over the evaluation and the factors that it has made there, but not a
     verdict. It may stop where the next Newton correction is within `tolerance` (relative to
-    ``typical``), without applying it; that correction is still made. ``diagnose(state)`` is asked about
+    ``typical``), without applying it; that correction is still made. ``descended(state, multipliers)``
+    returns a state near a stable equilibrium below, and its multipliers, or None; the multipliers that
+    it is given may be None (not known). It is for structures of which no equilibrium is a minimum of
+    the Lagrangian, because forces are among the multipliers. ``diagnose(state)`` is asked about
     the last state when a solve fails: it returns what is wrong with that state, and the remedy, or None.
     ``warn(equilibrium, stacklevel)`` is called with what :func:`lissome.equilibrate` returns (not with
     the many states of a branch), to warn of what the model leaves out. ``reactions(equilibrium)`` returns

@@ -10,6 +10,7 @@ import pytest
 import lissome as ls
 from lissome import ribbons
 from lissome.errors import InvalidInput, LissomeError
+from lissome.ribbons._layout import POINTS, _smooth
 from lissome.rods import RodState
 from lissome.rods.quaternions import multiply
 
@@ -415,3 +416,70 @@ def test_what_moments_do_not_know(what):
             ribbons.straight(1.0, 40, law, scheme="moments")
         else:
             _arch("moments").clamped(20, (0, 0, 0.3))
+
+
+def test_moments_between_hinges_are_smooth_and_exact_for_quadratics():
+    lengths = np.random.default_rng(3).uniform(0.5, 1.5, 9)
+    base, weights = _smooth(lengths, 4)
+    s = np.append(0.0, np.cumsum(lengths))
+    inside = (np.arange(4)[:, None] + POINTS) / 4
+    for power in range(3):
+        here = np.array([s[b : b + 4] ** power for b in base])
+        found = np.einsum("ipkj,ij->ipk", weights, here)
+        assert found == pytest.approx(
+            (s[:-1, None, None] + lengths[:, None, None] * inside) ** power
+        )
+    # the cubics of neighboring cells have the same value and slope at the hinge between them
+    values = np.random.default_rng(4).normal(size=s.size)
+    cubics = [
+        np.polynomial.Polynomial.fit(
+            s[i] + lengths[i] * inside.ravel(), weights[i].reshape(-1, 4) @ values[b : b + 4], 3
+        )
+        for i, b in enumerate(base)
+    ]
+    for i in range(1, s.size - 1):
+        for one, other in ((cubics[i - 1], cubics[i]), (cubics[i - 1].deriv(), cubics[i].deriv())):
+            assert one(s[i]) == pytest.approx(other(s[i]), rel=1e-9, abs=1e-9)
+    with pytest.raises(InvalidInput, match=r"has 3 hinges; .* use more segments"):
+        ls.equilibrate(_arch("moments", 2).clamped("end", (0.0, 0.0, 0.75)))
+
+
+@pytest.mark.parametrize("shear", [0.02, 0.1])
+def test_moments_need_no_near_start(has_moments, shear):
+    flat = _arch("moments")
+    cold = ls.equilibrate(flat.clamped("end", (shear, 0.0, 0.75)))
+    near = ls.follow(lambda d: flat.clamped("end", (d, 0.0, 0.75)), 0.0, shear, eigenvalues=False)
+    assert cold.stable
+    assert cold.energy == pytest.approx(near.equilibria[-1].energy, rel=1e-10)
+
+
+def dense(low, high, ratio):
+    """Lengths of 44 segments, denser between `low` and `high` and in the mirror image of that."""
+    s = np.linspace(0.0, 1.0, 20001)
+    x = np.minimum(s, 1.0 - s)
+    inside = np.prod([1 + np.tanh((x - low) / 0.03), 1 + np.tanh((high - x) / 0.03)], axis=0) / 4
+    t = np.concatenate([[0.0], np.cumsum(2 + (ratio - 1) * (inside[1:] + inside[:-1]))])
+    return np.diff(np.interp(np.linspace(0.0, 1.0, 45), t / t[-1], s))
+
+
+@pytest.mark.parametrize(
+    ("part", "mesh", "exact"),
+    [(6, (0.2, 0.28, 2.0), 0.33181), (12, (0.15, 0.26, 3.0), 0.36588), (20, (0.1, 0.26, 5.0), 0.44056)],
+)  # fmt: skip
+@pytest.mark.filterwarnings("ignore::lissome.errors.LissomeWarning")  # of bending that jumps
+def test_pitchfork_of_sheared_strips_with_45_nodes(part, mesh, exact):
+    """`exact`: by collocation (lissome.references.clamped_strip), in which inflections are unknowns."""
+    law = ribbons.Wunderlich(width=1.0 / part, rigidity=1.0)
+    strip = ribbons.straight(law=law, lengths=dense(*mesh), scheme="moments").clamped("start")
+    family = lambda shear: strip.clamped("end", (shear, 0.0, 0.75))  # noqa: E731
+    found = ls.follow(family, 0.0, 0.5, on_fold="snap", eigenvalues=False)
+    first = found.events[0]
+    assert first.kind == "bifurcation"
+    assert first.parameter == pytest.approx(exact, rel=5e-3)
+    # It goes on past the ripple of the mesh, without its symmetry, in states that are stable.
+    assert found.finished
+    assert found.equilibria[-1].stable
+    released = [event.energy_released for event in found.events if event.kind == "snap"]
+    assert min(released) > 0.0
+    middle = found.equilibria[-1].strains[:, 0]
+    assert np.abs(middle - middle[::-1]).max() > 0.1 * np.abs(middle).max()

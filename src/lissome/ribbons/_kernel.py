@@ -26,6 +26,8 @@ from ..rods._kernel import _add, _turn_vector
 from .laws import complementary, cotangent_factor, density
 
 jit = _jit(error_model="numpy", no_cfunc_wrapper=True)
+# Called by compiled code only: less to compile.
+inner = _jit(error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True)
 
 
 class Rulings(NamedTuple):
@@ -239,60 +241,67 @@ def evaluate_moments(kappa, multipliers, rows, stress, first, second, order):
             second[i, 1] = 1.0  # of kappa_1 and its moment; the others are constraints as elsewhere
 
 
+@inner
+def _put(band, a, b, value):
+    """Add an entry of the lower triangle, unless one of its places is that of a prescribed value."""
+    if a >= 0 and b >= 0:
+        band[min(a, b), abs(a - b)] += value
+
+
 @jit
 def add_cells(
-    ahead, parts, column, local, fluxes, rulings, moments, multipliers, stiffness, width, points,
+    ahead, base, shape, column, local, fluxes, rulings, moments, multipliers, stiffness, width, points,
     weights, rows, slopes, gradient, band, order,
 ):  # fmt: skip
     """Add what the cells between hinges add; return their energy.
 
-    Moments are linear between hinges, rulings between the ends of the `parts` of a cell, and the flux is
-    one in each part. The ribbon is open, so that all places are in the band.
+    Moments in cell i are those of the four hinges from ``base[i]``, weighted by ``shape[i]`` (parts,
+    points, 4). Rulings are linear between the ends of the parts of a cell, and the flux is one in each
+    part. The ribbon is open, so that all places are in the band.
     """
     energy = 0.0
+    parts = shape.shape[1]
     out = np.empty(11)
-    place = np.empty(7, dtype=np.int64)
-    # The lower triangle of the block of a part: its sums over the points are kept in variables.
-    block = np.zeros((7, 7))
+    # Lower triangles of sums over the points. Of a cell: work of the moments m1 and m3 on each other.
+    k1, k3 = np.zeros(4), np.zeros(4)
+    s11, s31, s33 = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((4, 4))
+    # Of a part: of the rulings at its ends, and of its flux, with the moments.
+    b1, b3, a1, a3, f1, f3 = (
+        np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+    )  # fmt: skip
     fold = 0.0
     for i in range(ahead.size - 1):
         length = ahead[i] / parts
-        place[2], place[3] = local[i, 0], local[i + 1, 0]
-        place[4], place[5] = local[i, 2], local[i + 1, 2]
-        a1, b1 = moments[i, 0], moments[i + 1, 0]
-        a3, b3 = moments[i, 2], moments[i + 1, 2]
+        first = base[i]
+        k1[:], k3[:] = 0.0, 0.0
+        s11[:], s31[:], s33[:] = 0.0, 0.0, 0.0
         for part in range(parts):
             r0 = i * parts + part
-            place[0], place[1], place[6] = column[r0], column[r0 + 1], fluxes[r0]
             before, after = rulings[r0], rulings[r0 + 1]
             flux = multipliers[r0] / length
-            slope = 0.5 * width * (after - before) / length
-            k0, k1, t0, t1, d0, d1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            s00, s10, s11 = 0.0, 0.0, 0.0
-            s20, s21, s30, s31 = 0.0, 0.0, 0.0, 0.0
-            s40, s41, s50, s51 = 0.0, 0.0, 0.0, 0.0
-            s22, s32, s33 = 0.0, 0.0, 0.0
-            s42, s52, s53 = 0.0, 0.0, 0.0
-            s44, s54, s55 = 0.0, 0.0, 0.0
-            s60, s61, s62, s63, s64, s65, s66 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            half = 0.5 * width / length
+            slope = half * (after - before)
+            d0, d1 = 0.0, 0.0
+            bb, ba, aa, fb, fa, ff = 0.0, 0.0, 0.0, -half, half, 0.0
+            if order >= 2:
+                b1[:], b3[:], a1[:], a3[:], f1[:], f3[:] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(points.size):
                 x1 = points[k]
                 x0 = 1.0 - x1
-                y1 = (part + x1) / parts
-                y0 = 1.0 - y1
                 h = x0 * before + x1 * after
-                m1 = y0 * a1 + y1 * b1
-                m3 = y0 * a3 + y1 * b3
+                m1, m3 = 0.0, 0.0
+                for j in range(4):
+                    m1 += shape[i, part, k, j] * moments[first + j, 0]
+                    m3 += shape[i, part, k, j] * moments[first + j, 2]
                 fold = complementary(stiffness, m1 + h * m3, h, flux, fold, out)
                 w = weights[k]
                 lw = length * w
                 energy += lw * out[1]
-                u = lw * out[2]
-                k0 += y0 * u
-                k1 += y1 * u
-                t0 += y0 * u * h
-                t1 += y1 * u * h
                 slope -= w * out[4]
+                u = lw * out[2]
+                for j in range(4):
+                    k1[j] += shape[i, part, k, j] * u
+                    k3[j] += shape[i, part, k, j] * u * h
                 if order >= 1:
                     u = lw * (out[3] + out[2] * m3)
                     d0 += x0 * u
@@ -302,61 +311,56 @@ def add_cells(
                     h1 = pp * m3 + ph
                     h3 = h * h1 + lw * out[2]
                     hh = (h1 + ph) * m3 + lw * out[8]
-                    s00 += x0 * x0 * hh
-                    s10 += x0 * x1 * hh
-                    s11 += x1 * x1 * hh
-                    s20 += y0 * x0 * h1
-                    s21 += y0 * x1 * h1
-                    s30 += y1 * x0 * h1
-                    s31 += y1 * x1 * h1
-                    s40 += y0 * x0 * h3
-                    s41 += y0 * x1 * h3
-                    s50 += y1 * x0 * h3
-                    s51 += y1 * x1 * h3
-                    u, v, z = y0 * y0 * pp, y0 * y1 * pp, y1 * y1 * pp
-                    s22 += u
-                    s32 += v
-                    s33 += z
-                    u, v, z = u * h, v * h, z * h
-                    s42 += u
-                    s52 += v
-                    s53 += z
-                    s44 += u * h
-                    s54 += v * h
-                    s55 += z * h
                     u = pm * m3 + w * out[9]
-                    s60 += x0 * u
-                    s61 += x1 * u
-                    s62 += y0 * pm
-                    s63 += y1 * pm
-                    s64 += y0 * pm * h
-                    s65 += y1 * pm * h
-                    s66 += w * out[10]
+                    bb -= x0 * x0 * hh
+                    ba -= x0 * x1 * hh
+                    aa -= x1 * x1 * hh
+                    fb -= x0 * u
+                    fa -= x1 * u
+                    ff -= w * out[10]
+                    for j in range(4):
+                        y = shape[i, part, k, j]
+                        b1[j] -= y * x0 * h1
+                        a1[j] -= y * x1 * h1
+                        b3[j] -= y * x0 * h3
+                        a3[j] -= y * x1 * h3
+                        f1[j] -= y * pm
+                        f3[j] -= y * pm * h
+                        for n in range(j + 1):
+                            z = y * shape[i, part, k, n] * pp
+                            s11[j, n] -= z
+                            s31[j, n] -= z * h
+                            s33[j, n] -= z * h * h
             slopes[r0] = slope
-            rows[i, 0] -= k0
-            rows[i + 1, 0] -= k1
-            rows[i, 2] -= t0
-            rows[i + 1, 2] -= t1
+            at0, at1, at = column[r0], column[r0 + 1], fluxes[r0]
             if order >= 1:
-                f = 0.5 * width / length
-                if place[0] >= 0:
-                    gradient[place[0]] -= d0 + f * multipliers[r0]
-                if place[1] >= 0:
-                    gradient[place[1]] -= d1 - f * multipliers[r0]
+                if at0 >= 0:
+                    gradient[at0] -= d0 + half * multipliers[r0]
+                if at1 >= 0:
+                    gradient[at1] -= d1 - half * multipliers[r0]
             if order >= 2:
-                f = 0.5 * width / length
-                block[0, 0] = -s00
-                block[1, 0], block[1, 1] = -s10, -s11
-                block[2, 0], block[2, 1], block[2, 2] = -s20, -s21, -s22
-                block[3, 0], block[3, 1], block[3, 2], block[3, 3] = -s30, -s31, -s32, -s33
-                block[4, 0], block[4, 1], block[4, 2], block[4, 3] = -s40, -s41, -s42, -s52
-                block[5, 0], block[5, 1], block[5, 2], block[5, 3] = -s50, -s51, -s52, -s53
-                block[4, 4], block[5, 4], block[5, 5] = -s44, -s54, -s55
-                block[6, 0], block[6, 1], block[6, 2], block[6, 3] = -s60 - f, -s61 + f, -s62, -s63
-                block[6, 4], block[6, 5], block[6, 6] = -s64, -s65, -s66 / length
-                for r in range(7):
-                    for c in range(r + 1):
-                        low, high = min(place[r], place[c]), max(place[r], place[c])
-                        if low >= 0:
-                            band[low, high - low] += block[r, c]
+                _put(band, at0, at0, bb)
+                _put(band, at0, at1, ba)
+                _put(band, at1, at1, aa)
+                _put(band, at, at0, fb)
+                _put(band, at, at1, fa)
+                _put(band, at, at, ff / length)
+                for j in range(4):
+                    one, three = local[first + j, 0], local[first + j, 2]
+                    _put(band, one, at0, b1[j])
+                    _put(band, one, at1, a1[j])
+                    _put(band, one, at, f1[j])
+                    _put(band, three, at0, b3[j])
+                    _put(band, three, at1, a3[j])
+                    _put(band, three, at, f3[j])
+        for j in range(4):
+            rows[first + j, 0] -= k1[j]
+            rows[first + j, 2] -= k3[j]
+            if order >= 2:
+                for n in range(j + 1):
+                    _put(band, local[first + j, 0], local[first + n, 0], s11[j, n])
+                    _put(band, local[first + j, 2], local[first + n, 2], s33[j, n])
+                    _put(band, local[first + j, 2], local[first + n, 0], s31[j, n])
+                    if n < j:
+                        _put(band, local[first + n, 2], local[first + j, 0], s31[j, n])
     return energy

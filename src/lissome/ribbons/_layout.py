@@ -24,6 +24,9 @@ Integers = NDArray[np.int64]
 
 #: Parts of a cell, with the scheme "moments": rulings turn within the distance of a width.
 PARTS = 4
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+#: Points in a part, as fractions of it, and their weights.
+POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,8 @@ class Skeleton:
     share: Array
     ahead: Array  # lengths of the cells that hinges have behind them
     parts: int  # of a cell, with the scheme "moments"
+    base: Integers  # first of the four hinges between whose moments those of a cell lie
+    shape: Array  # their weights, by cell, part and point
     fluxes: Integers  # positions of their fluxes
     frame_column: Integers
     chain: ChainLayout
@@ -159,6 +164,53 @@ def _frame_of(ribbon: Ribbon, node: int) -> int:
 def parts_of(ribbon: Ribbon) -> int:
     """Return into how many parts the rulings divide the cells between hinges."""
     return PARTS if ribbon.scheme == "moments" and ribbon.law.has_fold else 1
+
+
+def _smooth(lengths: Array, parts: int) -> tuple[Integers, Array]:
+    """Return from which four hinges the moments in each cell are interpolated, and the weights.
+
+    The cubic of Hermite between neighbors, whose slope at a hinge is that of the parabola through it and
+    both its neighbors (at an end, of the last parabola): continuous, with continuous slopes, and exact
+    for a quadratic. A kink at the hinges would be felt by an inflection that passes them.
+
+    Parameters
+    ----------
+    lengths : ndarray, shape (n - 1,)
+        Distances of the n hinges, at least four.
+    parts : int
+        Of a cell.
+
+    Returns
+    -------
+    base : ndarray, shape (n - 1,)
+    weights : ndarray, shape (n - 1, parts, points, 4)
+
+    Raises
+    ------
+    InvalidInput
+        If there are fewer hinges.
+    """
+    n = lengths.size + 1
+    if n < 4:
+        raise InvalidInput(
+            f"the ribbon has {n} hinges; the scheme 'moments' needs four: use more segments"
+        )
+    base = np.clip(np.arange(n - 1) - 1, 0, n - 4)
+    second = np.zeros((n, n))  # second derivatives of the parabolas
+    row = np.arange(1, n - 1)
+    before, after = lengths[:-1], lengths[1:]
+    second[row, row - 1] = 2.0 / (before * (before + after))
+    second[row, row + 1] = 2.0 / (after * (before + after))
+    second[row, row] = -2.0 / (before * after)
+    second[0], second[-1] = second[1], second[-2]
+    x = ((np.arange(parts)[:, None] + POINTS) / parts)[..., None]
+    weights = np.empty((n - 1, parts, POINTS.size, 4))
+    for i in range(n - 1):
+        own = np.eye(n)[i : i + 2]
+        bend = 0.5 * lengths[i] ** 2 * x * (1.0 - x)
+        values = (1.0 - x) * (own[0] - bend * second[i]) + x * (own[1] - bend * second[i + 1])
+        weights[i] = values[..., base[i] : base[i] + 4]
+    return base, weights
 
 
 def _nodal(ribbon: Ribbon) -> _Stencils:
@@ -397,18 +449,18 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
     other = np.where(stencils.before >= 0, local[stencils.before, 0], -1)[:, None]
     ends = (left + 2 * (left >= 0), right + 2 * (right >= 0))
     width = 2
+    base, shape = np.zeros(0, dtype=np.int64), np.zeros((0, 0, 0, 4))
+    if moments:
+        base, shape = _smooth(stencils.ahead[:-1], parts)
     groups = [
         [used_here, left, right, *ends, local[:, :3], other],
         [rulings, local[:, ::3]],
     ]
     if moments:
         groups[0].pop()
-        shown = np.full((n, 2 * parts + 4), -1, dtype=np.int64)
-        shown[:-1, :parts] = fluxes.reshape(n - 1, parts)
-        shown[:-1, parts : 2 * parts] = column[:-1].reshape(n - 1, parts)
-        shown[:-1, -4] = column[parts::parts]
-        shown[:-1, -3:] = local[1:, :3]
-        groups[1] = [local[:, :3], shown]
+        four = local[base[:, None] + np.arange(4)][..., [0, 2]].reshape(n - 1, 8)
+        inside_cells = fluxes.reshape(n - 1, parts), column[:-1].reshape(n - 1, parts)
+        groups[1] = [four, *inside_cells, column[parts::parts, None]]
     for together in groups:
         every = np.concatenate(together, axis=1)
         inside = (every >= 0) & (every < length)
@@ -436,6 +488,8 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
         share=stencils.share,
         ahead=stencils.ahead,
         parts=parts,
+        base=base,
+        shape=shape,
         fluxes=fluxes,
         frame_column=frame_column,
         chain=ChainLayout(length, unknowns, constraints, border_unknowns + m),

@@ -13,10 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from .._relaxation import relaxed
 from .._telling import is_news, user_level
 from .._validate import finite, finite_array, one_of
-from ..equilibrium import Equilibrium
-from ..errors import InvalidInput, LissomeWarning, NotConverged
+from ..equilibrium import Equilibrium, equilibrate
+from ..errors import (
+    InvalidInput,
+    LissomeWarning,
+    NotConverged,
+    StabilityNotResolvable,
+    Unstable,
+)
 from ..factorization import ChainKKT
 from ..rods import Rod, RodState
 from ..rods import _kernel as rod_kernel
@@ -25,7 +32,7 @@ from ..rods._structure import check_state
 from ..rods.quaternions import conjugate, exponential, multiply
 from ..structure import EPS, BaseStructure, Corrected, Evaluation
 from . import _kernel
-from ._layout import Layout, derive
+from ._layout import POINTS, WEIGHTS, Layout, derive
 from ._starts import carried_over, turned_band
 from .laws import RibbonLaw
 
@@ -34,8 +41,6 @@ __all__ = ["Ribbon", "RibbonState"]
 Array = NDArray[np.float64]
 
 SCHEMES = ("staggered", "cells", "moments", "nodal")
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
-POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
 JOINTS = ("matched", "free")
 
 
@@ -45,6 +50,9 @@ SATURATED = 4.15
 LONGEST = 1.0
 #: Folds whose difference from infinity rounding errors hide.
 LARGEST_FOLD = 15.0
+
+#: Steps in which a strip with moments as unknowns is to come to rest.
+RELAXATIONS = 200
 
 #: Number of segments up to which every band is looked at for having passed through itself.
 CHECKED = 600
@@ -868,9 +876,9 @@ class Ribbon(BaseStructure):
                 gradient, band, border, corner, order,
             )  # fmt: skip
         energy += _kernel.add_cells(
-            skeleton.ahead, skeleton.parts, skeleton.column, skeleton.local, skeleton.fluxes,
-            np.array(state.rulings), moments, fluxes, float(layout.parameters[0]), layout.ribbon_width,
-            POINTS, WEIGHTS, rows, slopes, gradient, band, order,
+            skeleton.ahead, skeleton.base, skeleton.shape, skeleton.column, skeleton.local,
+            skeleton.fluxes, np.array(state.rulings), moments, fluxes, float(layout.parameters[0]),
+            layout.ribbon_width, POINTS, WEIGHTS, rows, slopes, gradient, band, order,
         )  # fmt: skip
         constraints = np.concatenate([outer, rows.reshape(-1), slopes])
         if order == 0:
@@ -912,6 +920,56 @@ class Ribbon(BaseStructure):
         assert here.gradient is not None
         _, dm = found.factorization.solve(-here.gradient, -here.constraints)
         return Corrected(found.state, found.multipliers + dm)
+
+    def descended(
+        self, state: RibbonState, multipliers: Array | None
+    ) -> tuple[RibbonState, Array] | None:
+        """Return a state near a stable equilibrium, and its multipliers, for the scheme "moments".
+
+        With moments as unknowns every equilibrium is a saddle of the Lagrangian. The scheme "cells" has
+        the same frames, and an energy to go down on; where it comes to rest there are all multipliers.
+
+        Parameters
+        ----------
+        state : RibbonState
+            Where to start.
+        multipliers : ndarray, shape (m,), or None
+            Near those of the state, if they are known.
+
+        Returns
+        -------
+        tuple or None
+            None if there is none, or with the other schemes.
+        """
+        if not self.has_moments:
+            return None
+        if multipliers is None:
+            found = self._from_cells(state)
+            if found is None:
+                return None
+            state, multipliers = found
+        structure: Any = self
+        return relaxed(structure, state, multipliers, RELAXATIONS)
+
+    def _from_cells(self, state: RibbonState) -> tuple[RibbonState, Array] | None:
+        """Return the stable state below with the scheme "cells", and what it is with moments."""
+        other: Any = self._with(scheme="cells")
+        skeleton = self.layout.skeleton
+        rulings = np.array(state.rulings[:: skeleton.parts])
+        _, slope = other._rulings_at_hinges(rulings)
+        folds = np.arctanh(np.clip(0.5 * self.law.width * slope, -0.999, 0.999))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LissomeWarning)  # of a state that is not the result
+            try:
+                found: Any = equilibrate(other, _state(state, rulings, folds))
+            except (NotConverged, Unstable, StabilityNotResolvable):
+                return None
+        n, m = self.layout.nodes.size, self.layout.plan.rows.shape[0]
+        _, moments = found._law_values
+        fluxes = found.multipliers[m:].reshape(n, 3)[:-1, 2] / skeleton.parts
+        multipliers = [found.multipliers[:m], moments.ravel(), np.repeat(fluxes, skeleton.parts)]
+        lower = _state(found.state, self._on_parts(found.state.rulings), np.zeros(0))
+        return lower, np.concatenate(multipliers)
 
     def present(self, equilibrium: Equilibrium) -> Any:
         """Return `equilibrium` with strains, rulings, forces and the developed surface.
