@@ -41,6 +41,16 @@ def test_names_are_public_where_they_are_defined(name, module):
     assert name in home.__all__
 
 
+def test_every_public_module_is_reached_from_the_top_level():
+    modules = {module.name for module in pkgutil.iter_modules(lissome.__path__)}
+    assert {name for name in modules if not name.startswith("_")} == set(lissome._SUBMODULES)
+
+
+def test_rooms_come_with_their_first_use():
+    code = "import lissome as ls; print(ls.references.__name__, ls.plotting.figure.__name__)"
+    assert run(code).split() == ["lissome.references", "figure"]
+
+
 def test_star_import_is_what_all_says():
     names = run("from lissome import *; print(*dir())").split()
     assert set(lissome.__all__) <= set(names)
