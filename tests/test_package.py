@@ -1,9 +1,11 @@
 """The top level: what it lists exists, and loads only when it is used."""
 
 import importlib
+import importlib.resources
 import pkgutil
 import subprocess
 import sys
+import tomllib
 
 import pytest
 
@@ -49,6 +51,12 @@ def test_every_public_module_is_reached_from_the_top_level():
 def test_rooms_come_with_their_first_use():
     code = "import lissome as ls; print(ls.references.__name__, ls.plotting.figure.__name__)"
     assert run(code).split() == ["lissome.references", "figure"]
+
+
+def test_type_checkers_find_the_marker(root):
+    assert importlib.resources.files("lissome").joinpath("py.typed").is_file()
+    settings = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    assert "py.typed" in settings["tool"]["setuptools"]["package-data"]["lissome"]
 
 
 def test_star_import_is_what_all_says():
