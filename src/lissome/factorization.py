@@ -900,7 +900,8 @@ class SparseKKT(KKTMatrix):
         Hessian of the Lagrangian, both triangles; symmetric to 1e-8 of its size. Keep entries that
         happen to be zero, so that the pattern stays the same from state to state.
     jacobian : sparse matrix, shape (m, n), optional
-        Derivatives of the constraints. Rows of more than :math:`2\sqrt n` entries are treated as dense.
+        Derivatives of the constraints. Rows of more than :math:`\max(64, 2\sqrt n)` entries are
+        treated as dense.
 
     Raises
     ------
