@@ -47,6 +47,8 @@ __all__ = ["sweep"]
 
 _Outcome = Result | Failure
 _PATIENCE = 5.0  # seconds that a thread which is about to end is given
+# Seconds after which idle workers end. (One that ends just as the next sweep begins makes loky warn.)
+_IDLE = 600
 
 
 def sweep(
@@ -301,7 +303,7 @@ class _Run:
         workers = min(loky.cpu_count(), len(pending))
         for last in (False, True):
             executor = loky.get_reusable_executor(
-                max_workers=workers, env=one, timeout=60,
+                max_workers=workers, env=one, timeout=_IDLE,
                 initializer=die_with, initargs=(os.getpid(),),
             )  # fmt: skip
             try:
