@@ -256,10 +256,14 @@ def slope_beside(
     )
 
 
-def member(family: Family, parameter: float) -> Any:
-    """Return the structure of a parameter that a step has come to, if the family has one there."""
+def member(family: Family, parameter: float, state: Any) -> tuple[Any, Any]:
+    """Return the structure of a parameter that a step has come to, if the family has one there.
+
+    And `state` as one of its states; some structures find out only then that they cannot be.
+    """
     try:
-        return family(parameter)
+        structure = family(parameter)
+        return structure, structure.adopt(state)
     except InvalidInput as error:
         raise CorrectionFailed(
             f"the family has no structure at {parameter:.8g}: {error}"
@@ -279,7 +283,7 @@ def _iterate(
     scale: float,
     contraction: float = CONTRACTION,
 ) -> tuple[Balanced, float]:
-    structure = member(family, parameter)
+    structure, state = member(family, parameter, state)
     size = typical_size(structure, state)
     noise = float(structure.noise(state))
     history: list[Iteration] = []
@@ -371,8 +375,7 @@ def _iterate(
             )
         if dp != 0.0:
             parameter += dp
-            structure = member(family, parameter)
-            state = structure.adopt(state)
+            structure, state = member(family, parameter, state)
         state = structure.retract(state, dx)
         multipliers = multipliers + dm
     raise CorrectionFailed(f"no convergence in {max_iterations} corrections")
@@ -399,8 +402,7 @@ def _with_last_correction(
         return None
     if dp != 0.0:
         parameter += dp
-        structure = member(family, parameter)
-        state = structure.adopt(state)
+        structure, state = member(family, parameter, state)
     state = structure.retract(state, dx)
     multipliers = multipliers + dm
     evaluation = structure.evaluate(state, multipliers, 1)

@@ -240,8 +240,7 @@ class Follower:
         )  # fmt: skip
 
     def _displaced(self, parameter: float, dx: Array, dm: Array) -> tuple[Any, Any, Array]:
-        structure = member(self.family, parameter)
-        state = structure.adopt(self.anchor.state)
+        structure, state = member(self.family, parameter, self.anchor.state)
         if structure.max_step(state, dx) < 1.0:
             raise CorrectionFailed("the prediction leaves the domain of the energy")
         return structure, structure.retract(state, dx), self.anchor.multipliers + dm

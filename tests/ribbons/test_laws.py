@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 from lissome import ribbons
 from lissome.errors import InvalidInput
-from lissome.ribbons.laws import cotangent_factor, density
+from lissome.ribbons.laws import cotangent_factor, density, fold_of
 
 
 @pytest.mark.parametrize("v", [1e-12, 1e-3, 0.5, -1.2, 1.999, -1.999999])
@@ -143,3 +143,18 @@ def test_rulings_that_cross_are_refused(v):
         ribbons.width_factor([0.0, v])
     with pytest.raises(InvalidInput, match="cross"):
         ribbons.Wunderlich(width=0.5, rigidity=1.0).energy(1.0, 0.0, 2 * v)
+
+
+def test_the_fold_variable_of_a_flux():
+    """Inside the table, at its ends and beyond; sinh in terms that neither cancel nor overflow."""
+    for a in np.geomspace(1e-5, 300.0, 500):
+        if a < 1.0:
+            terms = [
+                2.0 ** (2 * k + 1) * a ** (2 * k - 1) / math.factorial(2 * k + 1)
+                for k in range(1, 14)
+            ]
+            y = math.fsum(terms) / 4
+        else:
+            y = (0.5 * (math.exp(2 * a) - math.exp(-2 * a)) - 2 * a) / (4 * a * a)
+        assert fold_of(y) == pytest.approx(a, rel=3e-13)
+    assert fold_of(0.0) == 0.0

@@ -269,7 +269,6 @@ def add_cells(
     b1, b3, a1, a3, f1, f3 = (
         np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     )  # fmt: skip
-    fold = 0.0
     for i in range(ahead.size - 1):
         length = ahead[i] / parts
         first = base[i]
@@ -293,7 +292,7 @@ def add_cells(
                 for j in range(4):
                     m1 += shape[i, part, k, j] * moments[first + j, 0]
                     m3 += shape[i, part, k, j] * moments[first + j, 2]
-                fold = complementary(stiffness, m1 + h * m3, h, flux, fold, out)
+                complementary(stiffness, m1 + h * m3, h, flux, out)
                 w = weights[k]
                 lw = length * w
                 energy += lw * out[1]

@@ -24,7 +24,7 @@ Integers = NDArray[np.int64]
 
 #: Parts of a cell, with the scheme "moments": rulings turn within the distance of a width.
 PARTS = 4
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(5)
 #: Points in a part, as fractions of it, and their weights.
 POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
 

@@ -150,12 +150,12 @@ class Ribbon(BaseStructure):
         "staggered": rulings belong to segments and clamps, and a hinge takes their mean and difference
         quotient. "cells": rulings belong to hinges, slopes and fold variables to the cells between
         them, and a hinge takes the mean energy of both its cells. "moments" (open ribbons, flat at
-        rest, clamped at their ends): moments are linear between hinges, rulings have four parts there,
-        and the angles of the hinges are derivatives of the complementary energy, which is even where
-        the bending changes sign; begin with a ribbon that is bent but not twisted. Where a twisted strip
-        has inflections, give them at least four segments to a width: the energy has a ripple with the
-        place of an inflection between two nodes, which with two segments to a width moves a loss of
-        stability by a fifth, with four by a few percent, and with nine by less than one. "nodal" (that of the
+        rest, clamped at their ends): moments are unknowns, smooth cubics between hinges, rulings have four
+        parts there, and the angles of the hinges are derivatives of the complementary energy, which is
+        even where the bending changes sign. Where a twisted strip has inflections, give them at least four
+        segments to a width: the energy has a ripple with the place of an inflection between two nodes,
+        which with two segments to a width moves a loss of stability by a sixth, and with four by less
+        than a hundredth if they are equal along the way of the inflections. "nodal" (that of the
         thesis): rulings belong to hinges, with central differences. A place where the bending changes
         sign passes a hinge smoothly with "cells" and "moments": in the other two the slope of a hinge
         without bending is twice the inverse of the width, and its fold variable infinite.

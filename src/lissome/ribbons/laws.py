@@ -74,44 +74,99 @@ def cotangent_factor(a):
     return b * coth, (slope if a > 0.0 else -slope), 2.0 * (b * coth - 1.0) * csch2
 
 
+def _logarithm(a: Array) -> tuple[Array, Array]:
+    """Return the logarithm of (sinh 2a - 2a)/(4 a^2), and its derivative, for a of at least 0.003."""
+    small = np.minimum(a, 0.3) ** 2
+    series = 1 + small * (
+        1 / 5 + small * (2 / 105 + small * (1 / 945 + small * (2 / 51975 + small * 2 / 2027025)))
+    )
+    slope = (
+        1 / a
+        + 2
+        * a
+        * (
+            1 / 5
+            + small * (4 / 105 + small * (3 / 945 + small * (8 / 51975 + small * 10 / 2027025)))
+        )
+        / series
+    )
+    e, tail = np.exp(-4 * a), 4 * a * np.exp(-2 * a)
+    rest = 1.0 - e - tail
+    large = 2 * a + np.log(rest / (8 * a * a)), 2 * (1 + e - 2 * np.exp(-2 * a)) / rest - 2 / a
+    return np.where(a < 0.3, np.log(a / 3 * series), large[0]), np.where(a < 0.3, slope, large[1])
+
+
+def _tabulated() -> tuple[Array, Array]:
+    """Return the fold variable, and its derivative, at equal steps of that logarithm."""
+    target = _FIRST + _STEP * np.arange(_COUNT)
+    coarse = np.geomspace(2e-3, 40.0, 4000)
+    a = np.interp(target, _logarithm(coarse)[0], coarse)
+    for _ in range(4):
+        value, slope = _logarithm(a)
+        a = a - (value - target) / slope
+    return a, 1.0 / _logarithm(a)[1]
+
+
+#: The table of `fold_of` begins at the logarithm of 1e-3, and ends at that of about 1e13.
+_FIRST, _STEP, _COUNT = math.log(1e-3), 0.125, 300
+_FOLDS, _FOLD_SLOPES = _tabulated()
+
+
 @jit(error_model="numpy")
-def fold_of(y, guess):
-    """Return the fold variable a >= 0 with (sinh 2a - 2a)/(4 a^2) = y >= 0; a guess of 0 is none."""
+def fold_of(y):
+    """Return the fold variable a >= 0 with (sinh 2a - 2a)/(4 a^2) = y >= 0.
+
+    A cubic between tabulated values is off by some 1e-8; Newton's method for the logarithm of both sides
+    over that of a does the rest. Beyond the table that goes down from the right, as it is convex.
+    """
     if y < 1e-3:
-        a = 3.0 * y
-        return a * (1.0 - 0.2 * a * a)
+        x = 9.0 * y * y
+        return 3.0 * y * (1.0 - x * (0.2 - x * 53.0 / 525.0))
     target = math.log(y)
-    # Newton's method for the logarithm of both sides over that of a: convex, so that it goes down
-    # from the right.
-    most = min(3.0 * y, 2.0 + 0.75 * math.log1p(y))
-    a = min(guess, most) if guess > 0.0 else most
+    place = (target - _FIRST) / _STEP
+    k = int(place)
+    if k < _COUNT - 1:
+        x = place - k
+        z = 1.0 - x
+        a = z * z * (_FOLDS[k] * (1.0 + 2.0 * x) + _STEP * _FOLD_SLOPES[k] * x)
+        a += x * x * (_FOLDS[k + 1] * (1.0 + 2.0 * z) - _STEP * _FOLD_SLOPES[k + 1] * z)
+    else:
+        a = 2.0 + 0.75 * math.log1p(y)
     for _ in range(50):
         if a < 0.3:
             x = a * a
-            h = (
-                a
-                / 3.0
-                * (1.0 + x * (0.2 + x * (2.0 / 105.0 + x * (1.0 / 945.0 + x * 2.0 / 51975.0))))
+            h = 1.0 + x * (
+                0.2
+                + x * (2.0 / 105.0 + x * (1.0 / 945.0 + x * (2.0 / 51975.0 + x * 2.0 / 2027025.0)))
             )
-            value = math.log(h)
-            slope = 1.0 + 2.0 * x * (
-                0.2 + x * (4.0 / 105.0 + x * (3.0 / 945.0 + x * 8.0 / 51975.0))
-            ) / (1.0 + x * (0.2 + x * (2.0 / 105.0 + x * (1.0 / 945.0 + x * 2.0 / 51975.0))))
+            value = math.log(a / 3.0 * h)
+            slope = (
+                1.0
+                + 2.0
+                * x
+                * (
+                    0.2
+                    + x
+                    * (4.0 / 105.0 + x * (3.0 / 945.0 + x * (8.0 / 51975.0 + x * 10.0 / 2027025.0)))
+                )
+                / h
+            )
         else:
             decay = math.exp(-2.0 * a)
             e = decay * decay
             tail = 4.0 * a * decay
-            value = 2.0 * a + math.log((1.0 - e - tail) / (8.0 * a * a))
-            slope = 2.0 * a * (1.0 + e - 2.0 * decay) / (1.0 - e - tail) - 2.0
+            rest = 1.0 - e - tail
+            value = 2.0 * a + math.log(rest / (8.0 * a * a))
+            slope = 2.0 * a * (1.0 + e - 2.0 * decay) / rest - 2.0
         step = (value - target) / slope
-        a = min(a * math.exp(-step), most)
-        if abs(step) < 1e-8:  # the next one is of the order of its square
+        a *= 1.0 - step if abs(step) < 1e-3 else math.exp(-step)
+        if abs(step) < 1e-7:  # the next one is of the order of its square
             break
     return a
 
 
 @jit(error_model="numpy")
-def complementary(b, stress, eta, flux, guess, out):
+def complementary(b, stress, eta, flux, out):
     """Write the complementary energy per length, the Legendre transform of that of `density`.
 
     By the moment P that works on the bending, and the flux m that works on half of the width times the
@@ -120,7 +175,6 @@ def complementary(b, stress, eta, flux, guess, out):
     and fold it is smooth where P passes zero: a is infinite there, its tanh and the energy are not.
 
     `out`: value, energy, first derivatives by P, h and m, then those by PP, Ph, Pm, hh, hm, mm.
-    Returns the fold variable.
     """
     r = 1.0 + eta * eta
     rho = 4.0 * eta / r
@@ -128,7 +182,7 @@ def complementary(b, stress, eta, flux, guess, out):
     c = 1.0 / (b * r * r)
     size = max(abs(stress), 1e-150)
     s = stress * stress * c
-    a = fold_of(abs(flux) / (size * size * c), guess) if flux != 0.0 else 0.0
+    a = fold_of(abs(flux) / (size * size * c)) if flux != 0.0 else 0.0
     g, d, e = cotangent_factor(a)
     decay = math.exp(-2.0 * a)
     t = (1.0 - decay) / (1.0 + decay)
@@ -151,7 +205,6 @@ def complementary(b, stress, eta, flux, guess, out):
     out[8] = s * (rho * rho - drho) * ds + rho * rho * s * dss_s
     out[9] = -rho * dsm_s
     out[10] = 2.0 * g * g * sech2 * sech2 / (max(s, size * size * c) * bend)
-    return a
 
 
 @jit(error_model="numpy")
