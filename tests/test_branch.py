@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from models import (
     BALLOON_PEAK,
@@ -997,6 +997,36 @@ def test_a_branch_that_turns_aslant_turns_at_the_crossing(cubic, quartic):
         assert kinds(branch) == ["fold", "end"]
         turn = branch.events[0]
         assert abs(turn.parameter) <= turn.uncertainty < 1e-8
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(
+    cubic=st.floats(-0.6, 0.6),
+    quartic=st.sampled_from([0.0, 0.3, 0.8]),
+    begin=st.floats(0.3, 1.0),
+    stop=st.floats(-2.0, -0.2),
+)
+@example(cubic=-0.3, quartic=0.0, begin=1.0, stop=-1.0)
+@example(cubic=-0.37041, quartic=0.0, begin=1.08888, stop=-0.44969)
+@example(cubic=0.3645, quartic=0.0, begin=0.39, stop=-0.21)
+def test_long_steps_do_not_leave_a_branch_where_it_turns_on_another_one(
+    cubic, quartic, begin, stop
+):
+    """p = x^2 + a x^3 + b x^4 turns on x = 0, where a step that is long may end beyond the turn."""
+    branch_of = np.polynomial.Polynomial([0.0, 0.0, 1.0, cubic, quartic])
+    assume(np.all(branch_of.deriv()(np.linspace(1e-3, begin, 50)) > 0.0))  # no fold before
+    top = branch_of(begin)
+
+    def family(p):
+        return polynomial([0, -p, 0, 1, cubic, quartic])
+
+    branch = follow(family, top, stop, initial=VectorState([begin]), bounds=(None, top),
+                    outputs=X, max_step=1.0)  # fmt: skip
+    table = branch.table
+    off = table.parameter - branch_of(table.x.to_numpy())
+    assert off.abs().max() < 1e-8
+    assert branch.events[0].kind == "fold"
+    assert abs(branch.events[0].parameter) < 1e-6
 
 
 def test_brackets_are_as_short_as_asked_for():

@@ -640,11 +640,14 @@ class Follower:
         turn = self._inner(metric, tangent.dx, tangent.dp, self.tangent.dx, self.tangent.dp)
         dx, dm, dp = self._direction(point, point.sigma)
         agreement = self._inner(metric, tangent.dx, tangent.dp, dx, dp)
-        if deviation <= 0.1 and agreement < 0.9:
+        if deviation <= 0.1 and agreement < 0.9 and abs(tangent.dp) < abs(dp):
             # The step itself is straight. Next to a bifurcation the solution for the tangent is
-            # polluted by the critical mode; the parabola through the step is not.
+            # polluted by the critical mode, which has no share of the parameter; the parabola through
+            # the step is not. (A tangent with more of the parameter is that of another branch.)
             return Tangent(dx, dm, dp)
         if turn >= _LARGEST_TURN:
+            if agreement < _LARGEST_TURN:
+                raise CorrectionFailed("the step ends across its own direction")
             return tangent
         raise CorrectionFailed(f"the tangent turns by {math.degrees(math.acos(turn)):.0f} degrees"
                                if abs(turn) <= 1 else "the tangent changes its length")  # fmt: skip
