@@ -385,11 +385,12 @@ class TimePath(Path):
 
     def __init__(self, evolving: Any, state: Any, time: float, last: float, little: float) -> None:
         self.evolving, self.last, self.little = evolving, last, little
-        self.plate, self.force = evolving.structure(time), NONE
+        self.plate, self.force, self.first = evolving.structure(time), NONE, state
         self._begin(state, time, 1.0)
 
     def _member(self, parameter: float) -> Any:
-        return member(self.evolving.structure, parameter)
+        plate, _ = member(self.evolving.structure, parameter, self.first)
+        return plate
 
     def _unbalanced(self, gradient: Array, parameter: float) -> Array:
         return gradient
