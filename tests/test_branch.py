@@ -30,6 +30,7 @@ from models import (
 )
 
 import lissome as ls
+from lissome._corrector import CorrectionFailed, adopted
 from lissome.branch import Branch, BranchInterrupted, follow
 from lissome.errors import DataError, InvalidInput
 from lissome.structure import BaseStructure, DenseStructure, VectorState
@@ -1069,3 +1070,16 @@ def test_energy_released_where_the_parameter_moves_a_support():
         # The forces of the two states differ by k times the difference of x.
         exact = total(x) - total(-2 * x) - 3 * k * x * beyond
         assert snap.energy_released == pytest.approx(exact, abs=3 * beyond**2)
+
+
+def test_a_trial_beyond_what_a_structure_can_be_is_a_step_that_failed():
+    """Supports farther apart than the rod is long: found out when a state is taken over, not before."""
+    rod = ls.rods.straight(1.0, 20, ls.rods.Kirchhoff((1.0, 1.0), 1.0)).clamped("start")
+    family = lambda p: rod.clamped("end", (0.0, 0.0, p))  # noqa: E731
+    bent = ls.equilibrate(family(0.7)).state
+    structure, state = adopted(family, 0.8, bent)
+    assert structure.positions(state)[-1, 2] != 0.8  # constraints are for the solver
+    with pytest.raises(
+        CorrectionFailed, match=r"no structure at 1\.2: the supports of nodes 0 and 20"
+    ):
+        adopted(family, 1.2, bent)

@@ -256,18 +256,28 @@ def slope_beside(
     )
 
 
-def member(family: Family, parameter: float, state: Any) -> tuple[Any, Any]:
-    """Return the structure of a parameter that a step has come to, if the family has one there.
-
-    And `state` as one of its states; some structures find out only then that they cannot be.
-    """
+def member(family: Family, parameter: float) -> Any:
+    """Return the structure of a parameter that a step has come to, if the family has one there."""
     try:
-        structure = family(parameter)
+        return family(parameter)
+    except InvalidInput as error:
+        raise _nothing_at(parameter, error) from error
+
+
+def adopted(family: Family, parameter: float, state: Any) -> tuple[Any, Any]:
+    """Return that structure, and `state` as one of its states.
+
+    Some structures find out only then that they cannot be.
+    """
+    structure = member(family, parameter)
+    try:
         return structure, structure.adopt(state)
     except InvalidInput as error:
-        raise CorrectionFailed(
-            f"the family has no structure at {parameter:.8g}: {error}"
-        ) from error
+        raise _nothing_at(parameter, error) from error
+
+
+def _nothing_at(parameter: float, error: InvalidInput) -> CorrectionFailed:
+    return CorrectionFailed(f"the family has no structure at {parameter:.8g}: {error}")
 
 
 def _iterate(
@@ -283,7 +293,7 @@ def _iterate(
     scale: float,
     contraction: float = CONTRACTION,
 ) -> tuple[Balanced, float]:
-    structure, state = member(family, parameter, state)
+    structure, state = adopted(family, parameter, state)
     size = typical_size(structure, state)
     noise = float(structure.noise(state))
     history: list[Iteration] = []
@@ -375,7 +385,7 @@ def _iterate(
             )
         if dp != 0.0:
             parameter += dp
-            structure, state = member(family, parameter, state)
+            structure, state = adopted(family, parameter, state)
         state = structure.retract(state, dx)
         multipliers = multipliers + dm
     raise CorrectionFailed(f"no convergence in {max_iterations} corrections")
@@ -402,7 +412,7 @@ def _with_last_correction(
         return None
     if dp != 0.0:
         parameter += dp
-        structure, state = member(family, parameter, state)
+        structure, state = adopted(family, parameter, state)
     state = structure.retract(state, dx)
     multipliers = multipliers + dm
     evaluation = structure.evaluate(state, multipliers, 1)

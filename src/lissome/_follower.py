@@ -27,6 +27,7 @@ from ._corrector import (
     CorrectionFailed,
     Family,
     Slope,
+    adopted,
     as_balanced,
     as_equilibrium,
     correct,
@@ -34,7 +35,6 @@ from ._corrector import (
     critical_modes,
     gauge_of,
     lowest_of_stable,
-    member,
     slope_beside,
 )
 from ._descent import descend, energy_before
@@ -240,7 +240,7 @@ class Follower:
         )  # fmt: skip
 
     def _displaced(self, parameter: float, dx: Array, dm: Array) -> tuple[Any, Any, Array]:
-        structure, state = member(self.family, parameter, self.anchor.state)
+        structure, state = adopted(self.family, parameter, self.anchor.state)
         if structure.max_step(state, dx) < 1.0:
             raise CorrectionFailed("the prediction leaves the domain of the energy")
         return structure, structure.retract(state, dx), self.anchor.multipliers + dm
