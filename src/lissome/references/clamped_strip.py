@@ -100,7 +100,8 @@ def _lengths(p: npt.NDArray) -> npt.NDArray:
 
 def _span(length: npt.NDArray) -> npt.NDArray:
     """Length of the graded variable t = ln s + s/reach."""
-    return np.asarray(np.log(length / _NEAR) + (length - _NEAR) / _REACH)
+    with np.errstate(invalid="ignore"):  # a trial step past a clamp is not finite, and refused
+        return np.asarray(np.log(length / _NEAR) + (length - _NEAR) / _REACH)
 
 
 def _family(width: float, clamps: Clamps, control: Control, mesh: Array, stages: int) -> Family:

@@ -154,8 +154,8 @@ class Ribbon(BaseStructure):
         parts there, and the angles of the hinges are derivatives of the complementary energy, which is
         even where the bending changes sign. Where a twisted strip has inflections, give them at least four
         segments to a width: the energy has a ripple with the place of an inflection between two nodes,
-        which with two segments to a width moves a loss of stability by a sixth, and with four by less
-        than a hundredth if they are equal along the way of the inflections. "nodal" (that of the
+        which with two segments to a width moves a loss of stability by a twentieth, with four by a
+        hundredth, if they are equal along the way of the inflections. "nodal" (that of the
         thesis): rulings belong to hinges, with central differences. A place where the bending changes
         sign passes a hinge smoothly with "cells" and "moments": in the other two the slope of a hinge
         without bending is twice the inverse of the width, and its fold variable infinite.
