@@ -385,12 +385,11 @@ class TimePath(Path):
 
     def __init__(self, evolving: Any, state: Any, time: float, last: float, little: float) -> None:
         self.evolving, self.last, self.little = evolving, last, little
-        self.plate, self.force, self.first = evolving.structure(time), NONE, state
+        self.plate, self.force = evolving.structure(time), NONE
         self._begin(state, time, 1.0)
 
     def _member(self, parameter: float) -> Any:
-        plate, _ = member(self.evolving.structure, parameter, self.first)
-        return plate
+        return member(self.evolving.structure, parameter)
 
     def _unbalanced(self, gradient: Array, parameter: float) -> Array:
         return gradient
