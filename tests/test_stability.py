@@ -20,6 +20,7 @@ from models import (
 from lissome import DenseStructure, equilibrate, smallest_eigenvalue
 from lissome.errors import InvalidInput
 from lissome.factorization import ChainKKT, DenseKKT
+from lissome.stability import admissible_motions, lowest_mode
 from lissome.structure import BaseStructure, Evaluation, VectorState
 
 
@@ -184,6 +185,9 @@ class Quadratic(BaseStructure):
 
     size = constraints_count = 0
 
+    def start(self):
+        return VectorState(np.zeros(self.size))
+
     def gauge(self, state):
         return self.rows
 
@@ -223,6 +227,84 @@ def test_random_matrices(seed, n, m, g, count, spread):
         np.testing.assert_allclose(
             found.values, exact, rtol=1e-5, atol=1e-6 * max(1.0, np.abs(exact).max())
         )
+
+
+def test_forces_of_springs_as_unknowns():
+    """Masses between walls, and the forces of the springs between them: 2 - 2 cos(j pi / (n + 1))."""
+    n, stiffness = 12, 3.0
+    rows = np.zeros((n + 1, n))
+    rows[np.arange(n), np.arange(n)] = 1.0
+    rows[np.arange(1, n + 1), np.arange(n)] = -1.0
+    softness = np.full(n + 1, 1.0 / stiffness)
+    exact = stiffness * (2.0 - 2.0 * np.cos(np.arange(1, n + 1) * np.pi / (n + 1)))
+    loose = VectorState(np.zeros(n))
+    for rigid in (0, 4):  # springs at one end that do not yield: masses at the wall
+        softness[:rigid] = 0.0
+        kkt = ChainKKT(np.zeros((n, 1)), rows, -np.diag(softness))
+        structure = Quadratic(kkt, np.zeros((0, n)))
+        left = n - rigid
+        assert admissible_motions(kkt) == left
+        exact = stiffness * (2.0 - 2.0 * np.cos(np.arange(1, left + 1) * np.pi / (left + 1)))
+        found = smallest_eigenvalue(structure, loose, np.zeros(n + 1), count=left)
+        np.testing.assert_allclose(found.values, exact, rtol=1e-9)
+        shape = np.sin(np.arange(1, left + 1) * np.pi / (left + 1))
+        assert found.modes[0, rigid:] == pytest.approx(shape / np.linalg.norm(shape), abs=1e-9)
+        assert np.max(np.abs(found.modes[:, :rigid]), initial=0.0) < 1e-12
+        value, mode = lowest_mode(kkt, kkt.factorize(), np.ones(n))
+        assert value == pytest.approx(exact[0], rel=1e-5)
+        assert np.abs(mode) == pytest.approx(np.abs(found.modes[0]), abs=1e-2)
+        with pytest.raises(InvalidInput, match=f"there are {left} admissible motions"):
+            smallest_eigenvalue(structure, loose, np.zeros(n + 1), count=left + 1)
+
+
+def test_an_eigenvalue_far_below_the_stiffness_of_yielding_parts_is_resolved():
+    """No part of a matrix that does not depend on the state makes the sign of an eigenvalue unsafe."""
+    n, least = 12, 1e-8
+    rows = np.diff(np.eye(n + 2), axis=0)[:, 1:-1]
+    push = 2.0 - 2.0 * np.cos(np.pi / (n + 1)) - least  # (all but) what the springs can bear
+    kkt = ChainKKT(np.full((n, 1), -push), rows, -np.eye(n + 1))
+    found = equilibrate(Quadratic(kkt, np.zeros((0, n))))
+    assert found.stable
+    assert found.smallest_eigenvalue() == pytest.approx(least, rel=1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(2, 14),
+    soft=st.integers(1, 20),
+    m=st.integers(0, 3),
+    g=st.integers(0, 2),
+)
+def test_random_matrices_with_compliances(seed, n, soft, m, g):
+    """Finite eigenvalues of the pencil of the KKT matrix and diag(M, 0), by elimination."""
+    count = min(3, n - m - g)
+    if count < 1:
+        return
+    rng = np.random.default_rng(seed)
+    hessian = rng.standard_normal((n, n))
+    hessian = hessian + hessian.T
+    rows, gauge = rng.standard_normal((soft + m, n)), rng.standard_normal((g, n))
+    factor = rng.standard_normal((soft, soft)) + 3.0 * np.eye(soft)
+    corner = np.zeros((soft + m, soft + m))
+    corner[:soft, :soft] = -factor @ factor.T
+    metric = rng.uniform(0.5, 2.0, n)
+    band = np.zeros((n, n))
+    for k in range(n):
+        band[: n - k, k] = np.diagonal(hessian, -k)
+    kkt = ChainKKT(band, rows, corner)
+    structure = Quadratic(kkt, gauge)
+    structure.metric = lambda state: metric
+    reduced = hessian + rows[:soft].T @ np.linalg.solve(factor @ factor.T, rows[:soft])
+    root = np.sqrt(metric)
+    forbidden = np.vstack([rows[soft:], gauge]) / root
+    basis = np.linalg.svd(forbidden)[2][m + g :] if m + g else np.eye(n)
+    exact = np.linalg.eigvalsh(basis @ (reduced / root / root[:, None]) @ basis.T)[:count]
+    assert admissible_motions(kkt, g) == n - m - g
+    found = smallest_eigenvalue(
+        structure, VectorState(np.zeros(n)), np.zeros(soft + m), count=count
+    )
+    np.testing.assert_allclose(found.values, exact, rtol=1e-6, atol=1e-7 * np.abs(reduced).max())
 
 
 def test_bad_arguments():

@@ -41,7 +41,7 @@ from ._descent import descend, energy_before
 from .equilibrium import Equilibrium, equilibrate
 from .errors import FactorizationError, InvalidInput, NotConverged, StabilityNotResolvable
 from .sensitivities import implicit_derivative, residual_slope
-from .stability import smallest_eigenvalue
+from .stability import admissible_motions, smallest_eigenvalue
 
 Array = NDArray[np.float64]
 
@@ -1118,8 +1118,8 @@ class Follower:
 
     def _smallest(self, balanced: Balanced, full: Equilibrium) -> tuple[float, bool]:
         """Return the smallest eigenvalue, and whether rounding hides its sign."""
-        factor = balanced.factorization
-        free = factor.n - factor.m - factor.g
+        assert balanced.evaluation.kkt is not None
+        free = admissible_motions(balanced.evaluation.kkt, balanced.factorization.g)
         if free < 1:  # the constraints leave no motion: nothing that could be unstable
             return math.nan, False
         if self.lowest is not None and balanced.stable:

@@ -683,12 +683,13 @@ class _Solver:
         if force / value < 1e-12 * length and mode.size > 10:
             return 0.0
         reach = 1e-3 * length
-        here = float(mode @ self.kkt.apply(mode, np.zeros_like(mult))[0])
+        bent, moved = self.kkt.apply(mode, mult)
+        here = float(mode @ bent + mult @ moved)
         slope = result = 0.0
         for step in (reach, -reach):
             step *= float(self.structure.max_step(self.state, step * mode))
             state = self.structure.retract(self.state, step * mode)
-            there = self.structure.evaluate(state, self.multipliers, 2).kkt
+            there = self.structure.evaluate(state, self.multipliers + step * mult, 2).kkt
             assert there is not None
             bent, moved = there.apply(mode, mult)
             change = float(mode @ bent + mult @ moved) - here

@@ -7,6 +7,16 @@ The eigenvalues :math:`\\mu` are those of
 with the Hessian H of the Lagrangian, the Jacobian J of the constraints, the generators G of neutral
 motions and the diagonal metric M of the structure. When M holds quadrature weights, the eigenvalues
 are those of the second variation per unit length (or area), and converge as the mesh is refined.
+
+Where multipliers are forces in yielding parts (moments as unknowns of a ribbon), J v = 0 becomes
+:math:`J v = C \\nu`, with their compliance C, which stands as -C in the corner of the KKT matrix and is
+semidefinite. A motion is admissible if some forces answer to it; eliminated, they add their energy
+:math:`\\nu \\cdot C\\nu`, so that
+
+.. math:: \\mu = \\frac{v\\cdot(H v + J^T\\nu)}{v\\cdot M v} ,
+
+and the eigenvalues are the finite ones of the pencil of the KKT matrix and diag(M, 0). Only
+multipliers without compliance take motions away.
 """
 
 from __future__ import annotations
@@ -22,7 +32,7 @@ from ._validate import PLAIN, finite_array, integer_at_least, structure_like
 from .errors import FactorizationError, InvalidInput, NotConverged
 from .factorization import Factorization, KKTMatrix
 
-__all__ = ["Spectrum", "lowest_mode", "smallest_eigenvalue", "softest_mode"]
+__all__ = ["Spectrum", "admissible_motions", "lowest_mode", "smallest_eigenvalue", "softest_mode"]
 
 Array = NDArray[np.float64]
 
@@ -66,6 +76,36 @@ def _start_vector(n: int, seed: int = 0) -> Array:
     vector = np.random.default_rng(20 + seed).standard_normal(n)
     vector.flags.writeable = False
     return vector
+
+
+def _yielding(kkt: KKTMatrix) -> NDArray[np.bool_]:
+    """Return which multipliers have a compliance, shape (m,)."""
+    return np.asarray(kkt.magnitude(np.zeros(kkt.n), np.ones(kkt.m))[1] > 0.0)
+
+
+def admissible_motions(kkt: KKTMatrix, neutral: int = 0) -> int:
+    """Return the number of admissible motions, which is that of the eigenvalues.
+
+    Parameters
+    ----------
+    kkt : KKTMatrix
+        The matrix, of independent constraints. Multipliers with a compliance forbid no motion.
+    neutral : int
+        Number of neutral motions, which are not counted.
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.factorization import DenseKKT
+    >>> from lissome.stability import admissible_motions
+    >>> admissible_motions(DenseKKT(np.eye(3), jacobian=[[1.0, 1.0, 0.0]]))
+    2
+    """
+    return kkt.n - neutral - int(np.count_nonzero(~_yielding(kkt)))
 
 
 def softest_mode(
@@ -173,22 +213,31 @@ def _lanczos(
     return ritz, u.T @ basis
 
 
-def _admissible(factor: Factorization, metric: Array, modes: Array) -> Array:
+def _admissible(
+    kkt: KKTMatrix, factor: Factorization, metric: Array, modes: Array
+) -> tuple[Array, Array]:
     """Return a basis, orthonormal in the metric, of what one inverse iteration makes of `modes`.
 
-    It purges what rounding errors left of motions that the constraints forbid.
+    It purges what rounding errors left of motions that the constraints forbid. With the forces, shape
+    (k, m), that yielding parts answer with; they are zero if there are none.
     """
-    images = factor.solve((metric * modes).T)[0].T
-    images /= np.sqrt(np.sum(images * metric * images, axis=1))[:, None]
+    images, forces = (columns.T for columns in factor.solve((metric * modes).T))
+    if not np.any(_yielding(kkt)):
+        forces = np.zeros_like(forces)
+    size = np.sqrt(np.sum(images * metric * images, axis=1))[:, None]
+    images, forces = images / size, forces / size
     sizes, turn = np.linalg.eigh(images @ (metric * images).T)
     keep = sizes > 1e-6  # two copies of one mode leave only noise
-    return (turn[:, keep] / np.sqrt(sizes[keep])).T @ images
+    weights = (turn[:, keep] / np.sqrt(sizes[keep])).T
+    return weights @ images, weights @ forces
 
 
-def _rayleigh(kkt: KKTMatrix, metric: Array, modes: Array, zero: Array) -> tuple[Array, Array]:
+def _rayleigh(kkt: KKTMatrix, metric: Array, modes: Array, forces: Array) -> tuple[Array, Array]:
     """Return the eigenvalues of the second variation on the span of `modes`, ascending."""
-    images = np.array([kkt.apply(v, zero)[0] for v in modes]).reshape(modes.shape)
-    small = modes @ images.T
+    small = np.zeros((len(modes), len(modes)))
+    for i, (v, f) in enumerate(zip(modes, forces, strict=True)):
+        bent, gaps = kkt.apply(v, f)
+        small[:, i] = modes @ bent + forces @ gaps
     values, turn = np.linalg.eigh(0.5 * (small + small.T))
     modes = turn.T @ modes
     modes /= np.sqrt(np.sum(modes * metric * modes, axis=1))[:, None]
@@ -229,7 +278,10 @@ def lowest_mode(kkt: KKTMatrix, factor: Factorization, metric: Array) -> tuple[f
     2.0 [1. 0. 0.]
     """
     _, modes = _lanczos(factor, metric, 1, np.zeros((0, kkt.n)), 0, 1e-3)
-    values, modes = _rayleigh(kkt, metric, modes, np.zeros(kkt.m))
+    forces = np.zeros((len(modes), kkt.m))
+    if np.any(_yielding(kkt)):
+        modes, forces = _admissible(kkt, factor, metric, modes)
+    values, modes = _rayleigh(kkt, metric, modes, forces)
     if values.size == 0:
         raise FactorizationError(
             "no mode of the second variation can be told from rounding errors: its entries differ too "
@@ -354,7 +406,7 @@ def smallest_eigenvalue(
         metric = np.asarray(structure.metric(state), dtype=float)
         gauge = np.asarray(structure.gauge(state), dtype=float).reshape(-1, structure.size)
     assert kkt is not None
-    free = kkt.n - kkt.m - len(gauge)
+    free = admissible_motions(kkt, len(gauge))
     count = integer_at_least("count", count, 1)
     if not 1 <= count <= free:
         raise InvalidInput(
@@ -363,20 +415,24 @@ def smallest_eigenvalue(
         )
     if factor is None or not factor.is_minimum:
         factor, shift = _positive_shift(kkt, gauge, metric)
-    zero = np.zeros(kkt.m)
+    yielding = bool(np.any(_yielding(kkt)))
     noise = float(structure.noise(state))
 
     def rounding(value: float, mode: Array) -> float:
         """Return the round-off error of an eigenvalue: of the terms that its mode sums."""
         _, forces = factor.solve(metric * mode)  # multipliers over the shifted eigenvalue
-        terms, _ = kkt.magnitude(mode, forces * (value + shift))
-        return noise * float(np.abs(mode) @ terms)
+        forces = forces * (value + shift)
+        terms, gaps = kkt.magnitude(mode, forces)
+        size = float(np.abs(mode) @ terms)
+        if yielding:
+            size += float(np.abs(forces) @ gaps)
+        return noise * size
 
     modes = np.zeros((0, kkt.n))
     for seed in range(count + 8):
         _, new = _lanczos(factor, metric, count, modes, seed, tolerance)
-        modes = _admissible(factor, metric, np.vstack([modes, new]))
-        values, modes = _rayleigh(kkt, metric, modes, zero)
+        modes, answers = _admissible(kkt, factor, metric, np.vstack([modes, new]))
+        values, modes = _rayleigh(kkt, metric, modes, answers)
         values, modes = values[:count], modes[:count]
         if len(values) < count:
             continue
@@ -391,6 +447,11 @@ def smallest_eigenvalue(
             index = kkt.factorize(-(below - margin), gauge, metric).index
         if index == np.count_nonzero(values < below):
             return Spectrum(values, modes, rounding(float(values[0]), modes[0]))
+    if len(values) < count:  # multipliers with compliances that depend on each other
+        raise InvalidInput(
+            f"argument `count` is {count}; there are {len(values)} admissible motions: it must lie in "
+            f"[1, {len(values)}]"
+        )
     raise NotConverged(
         f"the inertia finds eigenvalues below the {count} smallest of the Lanczos iteration "
         f"({values}); they are too near to each other, or below the round-off floor"
