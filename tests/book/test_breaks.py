@@ -1,13 +1,19 @@
 """book/_ext/breaks.py: where names in code may break."""
 
+import re
 import runpy
 
 import pytest
 
 
 @pytest.fixture(scope="module")
-def broken(root):
-    return runpy.run_path(str(root / "book" / "_ext" / "breaks.py"))["broken"]
+def extension(root):
+    return runpy.run_path(str(root / "book" / "_ext" / "breaks.py"))
+
+
+@pytest.fixture(scope="module")
+def broken(extension):
+    return extension["broken"]
 
 
 def code(text):
@@ -33,3 +39,28 @@ def test_other_text_is_left_alone(broken):
     page = "<p>lissome.references.rolling</p><pre>lissome.references.rolling</pre>"
     assert broken(page) == page
     assert broken(code("&quot;staggered&quot;")) == code("&quot;staggered&quot;")
+
+
+def pygmentized(source):
+    from pygments import highlight
+    from pygments.formatters import HtmlFormatter
+    from pygments.lexers import PythonLexer
+
+    return highlight(source, PythonLexer(), HtmlFormatter())
+
+
+def test_a_line_of_code_knows_how_far_in_it_begins(extension):
+    source = 'def f(x):\n    """Two\n\n      lines."""\n    return x < 1  # done\n'
+    page = pygmentized(source)
+    said = extension["listed"](page)
+    assert re.findall(r"--indent:(\d+)", said) == ["0", "4", "0", "6", "4"]
+    assert re.sub(r'<span class="line"[^>]*>', "", said).replace("\n</span>", "\n") == page
+
+
+@pytest.mark.parametrize("mark", [".", ",", ");", ""])
+@pytest.mark.parametrize("bracket", ["(", ""])
+def test_a_formula_keeps_the_marks_that_touch_it(extension, bracket, mark):
+    formula = r'<span class="math notranslate nohighlight">\(x &lt; 1\)</span>'
+    whole = f"{bracket}{formula}{mark}"
+    held = f'<span class="held">{whole}</span>' if bracket or mark else whole
+    assert extension["held"](f"<p>so {whole} holds</p>") == f"<p>so {held} holds</p>"
