@@ -19,6 +19,7 @@ PLACE = re.compile(r"(?:(?<=[A-Za-z0-9][./_])|(?<=::))(?=[A-Za-z0-9]{2})")
 #: A listing, as Pygments writes it.
 LISTING = re.compile(r"(<div class=\"highlight\"><pre>(?:<span></span>)?)(.*?)(</pre>)", re.DOTALL)
 TAG = re.compile(r"<[^>]*>")
+OPEN = re.compile(r"<(?!wbr)[a-z]")
 #: A formula within a line, with the marks that touch it.
 FORMULA = re.compile(r"([(\[“‘]*)(<span class=\"math[^>]*>[^<]*</span>)([.,;:!?)\]’”]*)")
 
@@ -30,8 +31,8 @@ def broken(body):
 
 def _listed(listing):
     lines = listing[2].splitlines(keepends=True)
-    if any(line.count("<span") != line.count("</span>") for line in lines):
-        return listing[0]  # a piece that spans lines cannot be parted
+    if any(len(OPEN.findall(line)) != line.count("</") for line in lines):
+        return listing[0]  # an element that spans lines, such as the link of a whole function
     rows = []
     for line in lines:
         text = TAG.sub("", line)

@@ -64,3 +64,10 @@ def test_a_formula_keeps_the_marks_that_touch_it(extension, bracket, mark):
     whole = f"{bracket}{formula}{mark}"
     held = f'<span class="held">{whole}</span>' if bracket or mark else whole
     assert extension["held"](f"<p>so {whole} holds</p>") == f"<p>so {held} holds</p>"
+
+
+def test_a_listing_whose_lines_are_not_whole_stays_as_it_is(extension):
+    """Sphinx puts a block around each function of a module's source."""
+    source = '<div class="viewcode-block"><span class="k">def</span> f():\n    pass</div>\n'
+    page = f'<div class="highlight"><pre>{source}</pre></div>'
+    assert extension["listed"](page) == page
