@@ -30,13 +30,25 @@ def distance(structure: Any, one: Any, other: Any) -> float:
     return float(np.max(gap))
 
 
-def energy_before(structure: Any, before: Balanced) -> float:
+def _energy_before(structure: Any, before: Balanced, modes: Array) -> float:
     """Return the energy that a state of a nearby structure has in `structure`.
 
-    To first order in how much supports move from the one to the other: with the work of their forces.
+    With the work of the forces of supports that move from the one to the other; if these forces grow,
+    to second order in how much they do, where nothing moves along the critical `modes`.
     """
-    here = structure.evaluate(structure.adopt(before.state), before.multipliers, 0)
-    return float(here.energy + before.multipliers @ here.constraints)
+    state, factors = structure.adopt(before.state), before.factorization
+    here = structure.evaluate(state, before.multipliers, 1)
+    energy = float(here.energy + before.multipliers @ here.constraints)
+    if before.marginal:
+        return energy
+    gradient, constraints = np.array(here.gradient), here.constraints
+    metric = np.asarray(structure.metric(state), dtype=float)
+    for mode in modes:
+        load = metric * mode
+        dx, dm = factors.solve(load)  # the mode, over its eigenvalue
+        gradient -= load * float(dx @ gradient + dm @ constraints) / float(dx @ load)
+    dx, dm = factors.solve(gradient, constraints)
+    return energy + max(0.0, -0.5 * float(dx @ gradient + dm @ constraints))
 
 
 def descend(
@@ -45,8 +57,10 @@ def descend(
     modes: Array,
     signs: Sequence[int],
     interrupted: Callable[[str], LissomeError],
-) -> Equilibrium:
+) -> tuple[Equilibrium, float]:
     """Return a stable equilibrium of `structure` below a state that has just lost its stability.
+
+    And the energy of that state in `structure`.
 
     The state is pushed along the critical mode, with each of `signs` in turn, and the energy is then
     minimized. A result that is the continuation of the lost state, or that lies higher, is refused.
@@ -65,9 +79,11 @@ def descend(
         Makes the exception from a message.
     """
     state = structure.adopt(before.state)
-    top = energy_before(structure, before)
+    top = _energy_before(structure, before, modes)
     size = typical_size(structure, state)
     kept = _continued(structure, state, before.multipliers)
+    if kept is not None:
+        top = max(top, kept.energy)
     slack = 1e3 * EPS * (abs(top) + abs(before.energy))
 
     def lagrangian(dx: Array) -> float:
@@ -76,6 +92,7 @@ def descend(
         here = structure.evaluate(structure.retract(state, dx), before.multipliers, 0)
         return here.energy + float(before.multipliers @ here.constraints)
 
+    descended = getattr(structure, "descended", lambda *place: None)
     reasons = ["no push along the critical mode lowers the energy"]
     for mode in modes:
         unit = mode / float(np.max(np.abs(mode) / size))
@@ -85,21 +102,21 @@ def descend(
                 if structure.max_step(state, dx) < 1.0:
                     reasons.append("a push leaves the domain of the energy")
                     continue
+                start = (structure.retract(state, dx), before.multipliers)
                 try:
-                    after = equilibrate(
-                        structure, structure.retract(state, dx), before.multipliers,
-                        require="stable",
-                    )  # fmt: skip
+                    # Newton's method leads back to the saddle: the structure's own way down first.
+                    lower = descended(*start) or start
+                    after = equilibrate(structure, *lower, require="stable")
                 except (NotConverged, Unstable, StabilityNotResolvable) as error:
                     reasons.append(str(error))
                     continue
-                if kept is not None and distance(structure, kept, after.state) < _SAME:
+                if kept is not None and distance(structure, kept.state, after.state) < _SAME:
                     reasons.append("the descent came back to the state that it had left")
                     continue
                 if after.energy > top + slack:
                     reasons.append("the descent ended at a higher energy")
                     continue
-                return after
+                return after, top
     raise interrupted(
         f"no stable state was found below the one that lost its stability ({reasons[-1]}); the "
         "energy may have no minimum there"
@@ -118,10 +135,10 @@ def _pushes(energy: Callable[[Array], float], unit: Array) -> list[float]:
     return [best, *(other for other in (0.25 * best, 4 * best) if other <= _MOST)]
 
 
-def _continued(structure: Any, state: Any, multipliers: Array) -> Any | None:
+def _continued(structure: Any, state: Any, multipliers: Array) -> Balanced | None:
     """Return the equilibrium that continues a state, if there is one close by."""
     try:
-        kept = correct(structure, state, multipliers).state
+        kept = correct(structure, state, multipliers)
     except CorrectionFailed:
         return None
-    return kept if distance(structure, state, kept) < _CLOSE else None
+    return kept if distance(structure, state, kept.state) < _CLOSE else None

@@ -37,7 +37,7 @@ from ._corrector import (
     lowest_of_stable,
     slope_beside,
 )
-from ._descent import descend, energy_before
+from ._descent import descend
 from .equilibrium import Equilibrium, equilibrate
 from .errors import FactorizationError, InvalidInput, NotConverged, StabilityNotResolvable
 from .sensitivities import implicit_derivative, residual_slope
@@ -1064,8 +1064,9 @@ class Follower:
                 frozen = value
         signs = (1,) if crossing.fold else (s.sign, -s.sign)
         self._arrive(left, direction, event.arclength)
-        after = descend(self.family(frozen), left.balanced, event.modes, signs, self._interrupted)
-        energy = energy_before(self.family(frozen), left.balanced)
+        after, energy = descend(
+            self.family(frozen), left.balanced, event.modes, signs, self._interrupted
+        )
         row = self._emit("event", as_balanced(after), frozen, event.arclength)
         self.events.append(
             replace(

@@ -19,6 +19,8 @@ _FAR = 0.5
 _NEAR = 1e-3
 #: Smallest and largest shift, over the typical stiffness.
 _LEAST, _LARGEST = 1e-6, 1e9
+#: Factors of the shift: where the inertia asks for more, and from step to step.
+_MORE, _LESS = 8.0, 0.25
 
 
 def relaxed(structure: Any, state: Any, multipliers: Array, most: int) -> tuple[Any, Array] | None:
@@ -27,10 +29,11 @@ def relaxed(structure: Any, state: Any, multipliers: Array, most: int) -> tuple[
     If the constraints depend on the multipliers (moments that are unknowns, whose complementary energy
     gives the angles), the Lagrangian is to be minimized by the unknowns, and maximized by those
     multipliers. Steps are those of the implicit Euler method for a motion with friction, with one
-    Newton iteration each: the metric is added to the Hessian, with the least factor that gives the
-    matrix the inertia of a minimum, and steps that are not far. The factor goes to zero as the state
-    comes to rest. No function tells whether to accept a step: what is found is to be corrected, and its
-    stability judged, by the caller.
+    Newton iteration each: the metric is added to the Hessian, with a factor that gives the matrix the
+    inertia of a minimum, and steps that would lead far are shortened. (A larger factor would turn them,
+    which leads into places whence no step is short.) The factor goes to zero as the state comes to rest.
+    No function tells whether to accept a step: what is found is to be corrected, and its stability
+    judged, by the caller.
 
     Parameters
     ----------
@@ -58,24 +61,22 @@ def relaxed(structure: Any, state: Any, multipliers: Array, most: int) -> tuple[
             return None
         if not scale:
             scale = float(np.median(evaluation.kkt.magnitude(unit, zero)[0] / metric))
-        size = np.inf
         while True:
             try:
                 factor = evaluation.kkt.factorize(shift, gauge, metric)
-            except FactorizationError:
-                factor = None
-            if factor is not None and factor.is_minimum:
-                dx, dm = factor.solve(-evaluation.gradient, -evaluation.constraints)
-                before, size = size, float(np.max(np.abs(dx) / typical))
-                if size <= _FAR or size > 0.7 * before:  # or the supports ask for it
+                if factor.is_minimum:
                     break
-            shift = max(4.0 * shift, _LEAST * scale)
+            except FactorizationError:
+                pass
+            shift = max(_MORE * shift, _LEAST * scale)
             if not shift <= _LARGEST * scale:
                 return None
+        dx, dm = factor.solve(-evaluation.gradient, -evaluation.constraints, refine=False)
+        size = float(np.max(np.abs(dx) / typical))
         step = min(1.0, structure.max_step(state, dx), _FAR / max(size, _FAR))
         state = structure.retract(state, step * dx)
         multipliers = multipliers + step * dm
         if shift == 0.0 and step == 1.0 and size <= _NEAR:
             return state, multipliers
-        shift = 0.125 * shift if shift > _LEAST * scale else 0.0
+        shift = _LESS * shift if shift > _LEAST * scale else 0.0
     return None

@@ -906,7 +906,7 @@ class _Evolution:
             memory = self.evolving.advance(self.memory, self.time, ahead, equilibrium, equilibrium)
             structure = self.evolving.structure(memory)
             try:
-                after = descend(structure, before, modes, signs, self.interrupted)
+                after, _ = descend(structure, before, modes, signs, self.interrupted)
                 break
             except EvolutionInterrupted as error:
                 failure = error

@@ -483,3 +483,22 @@ def test_pitchfork_of_sheared_strips_with_45_nodes(part, mesh, exact):
     assert min(released) > 0.0
     middle = found.equilibria[-1].strains[:, 0]
     assert np.abs(middle - middle[::-1]).max() > 0.1 * np.abs(middle).max()
+
+
+@pytest.mark.parametrize(("part", "mesh"), [(12, (0.15, 0.26, 3.0)), (10, (0.17, 0.26, 2.5))])
+@pytest.mark.parametrize("overshoot", [1e-3, 1e-2])
+@pytest.mark.filterwarnings("ignore::lissome.errors.LissomeWarning")  # of bending that jumps
+def test_snap_releases_what_the_lost_state_has_more(part, mesh, overshoot):
+    """Beyond the pitchfork the forces of the clamps have grown: the lost state is followed there."""
+    law = ribbons.Wunderlich(width=1.0 / part, rigidity=1.0)
+    strip = ribbons.straight(law=law, lengths=dense(*mesh), scheme="moments").clamped("start")
+    family = lambda shear: strip.clamped("end", (shear, 0.0, 0.75))  # noqa: E731
+    options = {"eigenvalues": False, "event_tolerance": 1e-4}
+    found = ls.follow(family, 0.0, 0.4, on_fold="snap", overshoot=overshoot, **options)
+    snap = found.events[1]
+    frozen = float(found.table.parameter[snap.after_row])
+    assert (snap.kind, snap.after.stable) == ("snap", True)
+    lost = ls.follow(family, 0.0, 0.4, report_at=[frozen], **options)
+    above = lost.equilibria[list(lost.table.parameter).index(frozen)]
+    assert above.index == 1
+    assert snap.energy_released == pytest.approx(above.energy - snap.after.energy, rel=0.05)

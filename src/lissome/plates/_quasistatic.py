@@ -150,7 +150,7 @@ def fall(
             return near
     except CorrectionFailed:
         pass  # no gentle way down, but a snap
-    return as_balanced(descend(structure, source, modes, signs, interrupted))
+    return as_balanced(descend(structure, source, modes, signs, interrupted)[0])
 
 
 def settled(structure: Any, state: Any) -> Balanced:

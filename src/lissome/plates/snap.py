@@ -167,7 +167,7 @@ def _descended(
 ) -> Equilibrium:
     """Return the stable state to which a plate falls."""
     try:
-        return descend(below, before, modes, signs, interrupted)
+        return descend(below, before, modes, signs, interrupted)[0]
     except NotConverged as error:
         waves = _waves(below, below.adopt(before.state), modes[0])
         if not waves:
