@@ -82,6 +82,10 @@ def finite(name: str, value: Any, *, unit: str = "", largest: float = LARGEST) -
         ...
     lissome.errors.InvalidInput: argument `angle` is nan; pass a finite number
     """
+    if (
+        type(value) is float and abs(value) <= largest
+    ):  # the usual case; false of what is not a number
+        return value
     wanted = f"pass a finite number{f' ({unit})' if unit else ''}"
     item = value
     if isinstance(value, np.ndarray) and value.ndim == 0:

@@ -118,13 +118,11 @@ class RibbonState(RodState):
 
 
 def _state(rod: RodState, rulings: Array, folds: Array) -> RibbonState:
-    """Make a state of parts that are known to be right, and are not used elsewhere."""
+    """Make a state of parts that are known to be right, and that nobody changes."""
+    for array in (rulings, folds):
+        array.flags.writeable = False
     state = object.__new__(RibbonState)
-    for item in fields(RodState):
-        object.__setattr__(state, item.name, getattr(rod, item.name))
-    for name, value in (("rulings", rulings), ("folds", folds)):
-        value.flags.writeable = False
-        object.__setattr__(state, name, value)
+    vars(state).update(vars(rod), rulings=rulings, folds=folds)
     return state
 
 
@@ -276,12 +274,15 @@ class Ribbon(BaseStructure):
 
     def _with(self, **changes: Any) -> Ribbon:
         new = object.__new__(Ribbon)
-        for name in _FIELDS:
-            object.__setattr__(new, name, changes.get(name, getattr(self, name)))
-        new.__dict__["_shared"] = self._shared
+        own = vars(self)
+        vars(new).update({name: own[name] for name in _FIELDS}, _shared=self._shared, **changes)
         if new.has_moments:
             new._check_moments()
         return new
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs: all but what other ribbons share."""
+        return {name: value for name, value in vars(self).items() if name != "_shared"}
 
     @cached_property
     def _shared(self) -> dict[str, Any]:
@@ -469,9 +470,11 @@ class Ribbon(BaseStructure):
         """What rulings are multiplied by across the joint: -1 for an odd number of half turns."""
         return -1.0 if self.half_turns % 2 else 1.0
 
-    @cached_property
+    @property
     def pins_phase(self) -> bool:
         """Whether the phase of a closed ribbon is pinned."""
+        if not (self.phase and self.closed and self.rod.held and self.joint == "matched"):
+            return False
         lengths, law = self.lengths, self.law
         if self.half_turns % 2:
             # The ruling that is held is in the axis of symmetry, which must be one of the mesh too.
@@ -480,10 +483,7 @@ class Ribbon(BaseStructure):
             alike = not (law.natural_curvature or law.natural_cross_curvature)
         else:
             gaps, alike = lengths - lengths[0], True
-        uniform = alike and float(np.max(np.abs(gaps))) <= 1e-12 * self.length
-        return bool(
-            self.phase and self.closed and self.rod.held and uniform and self.joint == "matched"
-        )
+        return alike and float(np.max(np.abs(gaps))) <= 1e-12 * self.length
 
     # ---- the derived layout ----------------------------------------------------------------------
 
@@ -568,7 +568,7 @@ class Ribbon(BaseStructure):
                 "support, pass `start=ribbon.adapted(equilibrium)`"
             )
         rulings = state.rulings
-        if np.any(rulings[skeleton.fixed] != skeleton.values):
+        if skeleton.fixed.size and np.any(rulings[skeleton.fixed] != skeleton.values):
             rulings = np.array(rulings)
             rulings[skeleton.fixed] = skeleton.values
         return _state(rod, rulings, state.folds)
@@ -705,9 +705,12 @@ class Ribbon(BaseStructure):
         count = skeleton.rod_size
         dx = np.asarray(dx, dtype=float)
         rod = self.rod.retract(state, dx[:count])
-        rulings = np.array(state.rulings)
         last = count + skeleton.free.size
-        rulings[skeleton.free] += dx[count:last]
+        if skeleton.free.size < state.rulings.size:
+            rulings = np.array(state.rulings)
+            rulings[skeleton.free] += dx[count:last]
+        else:
+            rulings = state.rulings + dx[count:last]
         return _state(rod, rulings, state.folds + dx[last:])
 
     def difference(self, a: RibbonState, b: RibbonState) -> Array:
@@ -740,8 +743,7 @@ class Ribbon(BaseStructure):
         There the slope of the ruling tells a fold only to within its rounding errors, which grow like
         cosh(a)^2: far less can be asked of it.
         """
-        largest = float(np.max(np.abs(state.folds), initial=0.0))
-        if largest < SATURATED:
+        if not state.folds.size or float(np.max(np.abs(state.folds))) < SATURATED:
             return 1.0
         sizes = np.ones(self.size)
         folds = np.minimum(np.abs(state.folds), LARGEST_FOLD)

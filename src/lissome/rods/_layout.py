@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._readonly import recalled
 from ..errors import InvalidInput
 from ..factorization import ChainLayout
 from . import _kernel
@@ -17,6 +18,7 @@ from .quaternions import conjugate, rotate
 
 if TYPE_CHECKING:
     from ._structure import Rod
+    from .supports import Support
 
 __all__ = ["REACH", "Layout", "derive", "internal_forces", "plane_normal"]
 
@@ -46,7 +48,9 @@ class Skeleton:
     hinged: Integers  # which of the frames of supports turn
     rows: Integers
     row_nodes: Integers  # node of each constraint; -1 for closure and phase
+    prescribed: tuple[tuple[int, int, int], ...]  # those of supports: which, component and node
     anchors: tuple[int | None, ...]  # by component: node
+    starts_held: bool  # whether each anchor is node 0
     phase: Array
     normal: Array
     chain: ChainLayout
@@ -56,6 +60,9 @@ class Skeleton:
     border: int
     metric: Array
     segment_of: dict[int, int]  # prescribed segments: index of the support
+    ones: Array  # stretches of segments that keep their lengths
+    moving: Integers  # segments that are free to turn
+    turns: Integers  # their unknowns, three for each
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +77,7 @@ class Layout:
     fixed: Array  # frames of supports, (S, 4); hinged ones at the angle zero
     turning_axes: Array  # spatial axes of the hinged ones
     anchors: tuple[tuple[int, float] | None, ...]  # by component: node and position
+    origin: Array | None  # position of node 0, if it is prescribed
     node_forces: Array  # (N + 1, 3)
     net_force: Array | None  # sum of all dead forces, if it is not zero
 
@@ -121,11 +129,11 @@ class Layout:
 
 def key_of(rod: Rod) -> tuple[Any, ...]:
     """Return what a skeleton depends on."""
-    supports = tuple(
-        (s.node, s.kind, s.clamp, s.frame is None, tuple(v is None for v in s.position))
+    supports = [
+        (s.node, s.kind, s.clamp, s.frame is None, [v is None for v in s.position])
         for s in rod.supports
-    )
-    phase = rod.phase if rod.pins_phase else None
+    ]
+    phase = rod.phase if rod.held and rod.pins_phase else None
     return rod.closed, rod.joint, rod.extensible, rod._stretch_in_law, supports, rod.held, phase
 
 
@@ -226,13 +234,16 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
     m = len(rows)
 
     metric = np.empty(place)
-    moving = column[:count] >= 0
-    metric[column[:count][moving][:, None] + np.arange(3)] = lengths[moving][:, None]
+    moving = np.flatnonzero(column[:count] >= 0)
+    turns = column[moving][:, None] + np.arange(3)
+    metric[turns] = lengths[moving][:, None]
     metric[stretch[stretch >= 0]] = lengths[stretch >= 0]
     for i, k in enumerate(hinged):
         near = (pairs[:, 0] == count + k) | (pairs[:, 1] == count + k)
         metric[first_angle + i] = float(np.sum(span[near]))
-    metric.flags.writeable = False
+    ones = np.ones(count)
+    for array in (metric, ones):
+        array.flags.writeable = False
     border = place - length + m
     return Skeleton(
         lengths=lengths,
@@ -250,7 +261,13 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
         hinged=hinged,
         rows=np.array(rows, dtype=np.int64).reshape(-1, 3),
         row_nodes=np.array(row_nodes, dtype=np.int64),
+        prescribed=tuple(
+            (r, row[0], node)
+            for r, (row, node) in enumerate(zip(rows, row_nodes, strict=True))
+            if node >= 0
+        ),
         anchors=tuple(anchors),
+        starts_held=all(node == 0 for node in anchors),
         phase=phase,
         normal=normal,
         chain=ChainLayout(length, np.arange(place), np.arange(place, place + m), border),
@@ -260,105 +277,156 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
         border=border,
         metric=metric,
         segment_of=segment_of,
+        ones=ones,
+        moving=moving,
+        turns=turns,
     )
 
 
 def derive(rod: Rod) -> Layout:
-    """Give the skeleton of a rod its values, and refuse what has no equilibrium."""
-    key = key_of(rod)
-    skeleton: Skeleton | None = rod._shared.get("skeleton")
-    if (
-        skeleton is None
-        or skeleton.lengths is not rod.lengths
-        or skeleton.initial is not rod.initial
-        or skeleton.key != key
-    ):
-        skeleton = make_skeleton(rod, key)
-        rod._shared["skeleton"] = skeleton
-    count = rod.lengths.size
-    frames = [s for s in rod.supports if s.frame is not None]
-    fixed = np.array([s.frame for s in frames]).reshape(-1, 4)
-    h = skeleton.hinged.size
-    axis = np.zeros((skeleton.column.size, 3))
-    axes, moments = np.zeros((h, 3)), np.zeros(h)
-    for i, k in enumerate(skeleton.hinged):
-        support = frames[k]
-        assert support.axis is not None
-        assert support.frame is not None
-        axes[i], moments[i] = support.axis, support.moment
-        axis[count + k] = rotate(conjugate(support.frame), support.axis)
+    """Give the skeleton of a rod its values, and refuse what has no equilibrium.
 
+    Of rods that are made from one another, as those of a branch are, most differ in little: what the
+    change does not touch is used again.
+    """
+    known = rod._shared
+    skeleton = _skeleton_of(rod)
     check_reach(rod)
-    _check_natural(rod, skeleton)
-    places = {s.node: s.position for s in rod.supports}
-    anchors: list[tuple[int, float] | None] = []
-    for k, node in enumerate(skeleton.anchors):
-        value = None if node is None else places[node][k]
-        anchors.append(None if node is None or value is None else (node, value))
-    targets = np.zeros(skeleton.rows.shape[0])
-    for r, (node, (k, _, _)) in enumerate(zip(skeleton.row_nodes, skeleton.rows, strict=True)):
-        if node >= 0:
-            first, value = anchors[k], places[int(node)][k]
-            assert first is not None
-            assert value is not None
-            targets[r] = value - first[1]
+    common = (skeleton, rod.natural, rod.measure, rod.stretching)
+    plan = recalled(known, "plan", common, lambda: _plan_without_values(rod, skeleton))
+    given = [s for s in rod.supports if s.frame is not None]
+    held = (skeleton, *[part for s in given for part in (s.frame, s.axis, s.moment)])
+    frames = recalled(known, "frames", held, lambda: _frames_of(given, skeleton))
+    loads = recalled(known, "loads", (skeleton, rod.loads), lambda: _loads_of(rod, skeleton))
+    material = recalled(known, "material", (skeleton, rod.law), lambda: _material_of(rod, skeleton))
 
-    forces, dead, net = _forces(rod, skeleton.anchors)
-    arms = np.array(
-        [[j, *f, *a] for j, (f, a) in rod.loads.couples.items() if np.any(f) and np.any(a)]
-    ).reshape(-1, 7)
-    varies = getattr(rod.law, "count", None) is not None
-    law = rod.law.at(skeleton.nodes) if varies else rod.law
-    compiled = getattr(law, "kernel", None) is not None and not rod._stretch_in_law
-    cells = None
-    if rod._stretch_in_law:
-        held = {s.node for s in frames} | ({0, count} if rod.closed else set())
-        cells = make_cells(
-            rod.law, rod.lengths, skeleton.left, skeleton.right, skeleton.nodes, held
-        )
-    plan = _kernel.Plan(
+    places = {s.node: s.position for s in rod.supports}
+    at = [None if node is None else places[node][k] for k, node in enumerate(skeleton.anchors)]
+    targets = np.zeros(skeleton.rows.shape[0])
+    for r, k, node in skeleton.prescribed:
+        targets[r] = places[node][k] - at[k]  # type: ignore[operator]  # neither is None
+    return Layout(
+        skeleton=skeleton,
+        plan=plan._replace(
+            axis=frames.axis,
+            arms=loads.arms,
+            dead=loads.dead,
+            targets=targets,
+            moments=frames.moments,
+        ),
+        law=material.law,
+        evaluate_into=material.evaluate_into,
+        cells=material.cells,
+        fixed=frames.fixed,
+        turning_axes=frames.turning_axes,
+        anchors=tuple(
+            [
+                None if node is None or value is None else (node, value)
+                for node, value in zip(skeleton.anchors, at, strict=True)
+            ]
+        ),
+        origin=np.array(at) if skeleton.starts_held else None,
+        node_forces=loads.nodes,
+        net_force=loads.net,
+    )
+
+
+def _skeleton_of(rod: Rod) -> Skeleton:
+    key = key_of(rod)
+    known: Skeleton | None = rod._shared.get("skeleton")
+    if (
+        known is not None
+        and known.lengths is rod.lengths
+        and known.initial is rod.initial
+        and known.key == key
+    ):
+        return known
+    skeleton = make_skeleton(rod, key)
+    rod._shared["skeleton"] = skeleton
+    return skeleton
+
+
+def _plan_without_values(rod: Rod, skeleton: Skeleton) -> _kernel.Plan:
+    """Return a plan to which supports and loads have yet to give their values."""
+    _check_natural(rod, skeleton)
+    none = np.zeros((0, 0))
+    return _kernel.Plan(
         left=skeleton.left,
         right=skeleton.right,
         span=skeleton.span,
         twist=skeleton.twist,
         column=skeleton.column,
-        axis=axis,
+        axis=none,
         turning=skeleton.turning,
         lengths=np.array(rod.lengths),
         rows=skeleton.rows,
         phase=skeleton.phase,
         normal=skeleton.normal,
         stretch_column=skeleton.stretch,
-        arms=arms,
+        arms=none,
         natural=rod.natural[skeleton.nodes],
-        dead=dead,
-        targets=targets,
-        moments=moments,
+        dead=none,
+        targets=none,
+        moments=none,
         length=skeleton.length,
         first_angle=skeleton.first_angle,
         stiffness=(0.0 if rod._stretch_in_law else -1.0)
         if rod.stretching is None
         else float(rod.stretching),
     )
-    return Layout(
-        skeleton=skeleton,
-        plan=plan,
-        law=law,
-        evaluate_into=law.evaluate_into if compiled else None,
-        cells=cells,
-        fixed=fixed,
-        turning_axes=axes,
-        anchors=tuple(anchors),
-        node_forces=forces,
-        net_force=net,
-    )
+
+
+class _Frames(NamedTuple):
+    """What supports with frames prescribe."""
+
+    fixed: Array
+    turning_axes: Array
+    axis: Array  # of all frames, along their directors
+    moments: Array
+
+
+def _frames_of(given: list[Support], skeleton: Skeleton) -> _Frames:
+    h, count = skeleton.hinged.size, skeleton.lengths.size
+    axis = np.zeros((skeleton.column.size, 3))
+    axes, moments = np.zeros((h, 3)), np.zeros(h)
+    for i, k in enumerate(skeleton.hinged):
+        support = given[k]
+        assert support.axis is not None
+        assert support.frame is not None
+        axes[i], moments[i] = support.axis, support.moment
+        axis[count + k] = rotate(conjugate(support.frame), support.axis)
+    return _Frames(np.array([s.frame for s in given]).reshape(-1, 4), axes, axis, moments)
+
+
+class _Material(NamedTuple):
+    """The law at the hinges."""
+
+    law: Any
+    evaluate_into: Any
+    cells: Cells | None
+
+
+def _material_of(rod: Rod, skeleton: Skeleton) -> _Material:
+    varies = getattr(rod.law, "count", None) is not None
+    law = rod.law.at(skeleton.nodes) if varies else rod.law
+    compiled = getattr(law, "kernel", None) is not None and not rod._stretch_in_law
+    cells = None
+    if rod._stretch_in_law:
+        held = {s.node for s in rod.supports if s.frame is not None}
+        held |= {0, rod.lengths.size} if rod.closed else set()
+        cells = make_cells(
+            rod.law, rod.lengths, skeleton.left, skeleton.right, skeleton.nodes, held
+        )
+    return _Material(law, law.evaluate_into if compiled else None, cells)
 
 
 def plane_normal(rod: Rod) -> Array:
     """Return the unit normal of a plane closed rod, which it circles counterclockwise."""
-    found: tuple[Any, Any, Array] | None = rod._shared.get("normal")
-    if found is not None and found[0] is rod.initial and found[1] is rod.lengths:
-        return found[2]
+    sources = (rod.initial, rod.lengths)
+    return recalled(rod._shared, "normal", sources, lambda: _plane_normal(rod))
+
+
+def _plane_normal(rod: Rod) -> Array:
     nodes = rod.positions(rod.initial)[:-1]
     x, y, z = (nodes - nodes.mean(axis=0)).T
     u, v, w = np.roll(x, -1), np.roll(y, -1), np.roll(z, -1)
@@ -371,7 +439,6 @@ def plane_normal(rod: Rod) -> Array:
             "curvatures with `with_natural`"
         )
     normal.flags.writeable = False
-    rod._shared["normal"] = (rod.initial, rod.lengths, normal)
     return normal
 
 
@@ -396,23 +463,22 @@ def _check_natural(rod: Rod, skeleton: Skeleton) -> None:
         )
 
 
-def _forces(rod: Rod, anchors: tuple[int | None, ...]) -> tuple[Array, Array, Array | None]:
-    """Return dead forces on the nodes, those in the segments, and their sum if it is not zero."""
-    found: tuple[Any, ...] | None = rod._shared.get("dead")
-    if found is not None:
-        loads, lengths, nodes, closed, result = found
-        if (
-            loads is rod.loads
-            and lengths is rod.lengths
-            and (nodes, closed) == (anchors, rod.closed)
-        ):
-            return result
+class _DeadLoads(NamedTuple):
+    """Dead forces and couples."""
+
+    nodes: Array  # forces on the nodes
+    dead: Array  # in the segments
+    net: Array | None  # their sum, if it is not zero
+    arms: Array  # segment, force and arm of each couple
+
+
+def _loads_of(rod: Rod, skeleton: Skeleton) -> _DeadLoads:
     forces = rod.loads.forces(rod.lengths, rod.closed)
-    dead = _dead_forces(forces, anchors)
+    dead = _dead_forces(forces, skeleton.anchors)
     total = np.sum(forces, axis=0)
-    result = (forces, dead, total if np.any(total) else None)
-    rod._shared["dead"] = (rod.loads, rod.lengths, anchors, rod.closed, result)
-    return result
+    couples = rod.loads.couples.items()
+    arms = np.array([[j, *f, *a] for j, (f, a) in couples if np.any(f) and np.any(a)])
+    return _DeadLoads(forces, dead, total if np.any(total) else None, arms.reshape(-1, 7))
 
 
 def _dead_forces(forces: Array, anchors: tuple[int | None, ...]) -> Array:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._readonly import recalled
 from .._telling import is_news, user_level
 from .._validate import finite, finite_array, integer_at_least, moderate, one_of, positive
 from ..equilibrium import Equilibrium
@@ -119,25 +120,30 @@ class RodState:
 def _state(
     quaternions: Array, origin: Array, stretches: Array, angles: Array, supports: Array
 ) -> RodState:
-    """Make a state of arrays that are known to be right, and are not used elsewhere."""
+    """Make a state of arrays that are known to be right, and that nobody changes."""
+    for array in (quaternions, origin, stretches, angles, supports):
+        array.flags.writeable = False
     state = object.__new__(RodState)
-    for name, value in (
-        ("quaternions", quaternions), ("origin", origin), ("stretches", stretches),
-        ("angles", angles), ("supports", supports),
-    ):  # fmt: skip
-        value.flags.writeable = False
-        object.__setattr__(state, name, value)
+    vars(state).update(
+        quaternions=quaternions,
+        origin=origin,
+        stretches=stretches,
+        angles=angles,
+        supports=supports,
+    )
     return state
 
 
-_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+_NEXT, _AFTER = np.array([2, 3, 1]), np.array([3, 1, 2])  # of the components of a vector part
 
 
 def _turns(a: Array, b: Array) -> Array:
     """Return the rotation vectors, shape (k, 3), from frames `a` to frames `b` of states."""
     s, v, t, w = a[:, :1], a[:, 1:], b[:, :1], b[:, 1:]
     scalar = np.einsum("ij,ij->i", a, b)[:, None]
-    vector = s * w - t * v - v[:, _NEXT] * w[:, _AFTER] + v[:, _AFTER] * w[:, _NEXT]
+    vector = s * w - t * v
+    vector -= a.take(_NEXT, axis=1) * b.take(_AFTER, axis=1)
+    vector += a.take(_AFTER, axis=1) * b.take(_NEXT, axis=1)
     size = np.sqrt(np.einsum("ij,ij->i", vector, vector))[:, None]
     angle = np.arctan2(size, np.abs(scalar))
     factor = np.divide(2.0 * angle, size, out=np.full_like(size, 2.0), where=size > 0.0)
@@ -264,12 +270,21 @@ class Rod(BaseStructure):
         return RodState(frames)
 
     def _with(self, **changes: Any) -> Rod:
-        """Return this rod with fields changed to values that have been checked."""
+        """Return this rod with fields, but not its lengths, changed to values that have been checked."""
         new = object.__new__(Rod)
-        for name in _FIELDS:
-            object.__setattr__(new, name, changes.get(name, getattr(self, name)))
-        new.__dict__["_shared"] = self._shared
+        own = vars(self)
+        vars(new).update(
+            {name: own[name] for name in _FIELDS},
+            _shared=self._shared,
+            length=self.length,
+            arclength=self.arclength,
+            **changes,
+        )
         return new
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs: all but what other rods share."""
+        return {name: value for name, value in vars(self).items() if name != "_shared"}
 
     @cached_property
     def _shared(self) -> dict[str, Any]:
@@ -564,12 +579,12 @@ class Rod(BaseStructure):
         value = finite("overcurvature", overcurvature)
         if not self.closed:
             raise InvalidInput("only a closed rod has an overcurvature; pass natural curvatures")
-        found = self._shared.get("body normal")
-        if found is None or found[0] is not self.initial:
-            normal = plane_normal(self)
-            found = (self.initial, rotate(conjugate(self.initial.quaternions), normal))
-            self._shared["body normal"] = found
-        body = found[1]
+        body = recalled(
+            self._shared,
+            "body normal",
+            (self.initial,),
+            lambda: rotate(conjugate(self.initial.quaternions), plane_normal(self)),
+        )
         if np.max(np.abs(body - body[0])) > 1e-6:
             raise InvalidInput(
                 "the initial state is twisted: the normal of the plane of the ring is not along one "
@@ -730,7 +745,11 @@ class Rod(BaseStructure):
         now = layout.fixed
         hinges = layout.hinged.size
         angles = state.angles if state.angles.size == hinges else np.zeros(hinges)
-        moved = state.supports.shape == now.shape and not np.array_equal(state.supports, now)
+        moved = (
+            state.supports is not now
+            and state.supports.shape == now.shape
+            and not np.array_equal(state.supports, now)
+        )
         if moved and now.size:
             turns = logarithm(multiply(now, conjugate(state.supports)))
             if np.any(turns):
@@ -749,13 +768,17 @@ class Rod(BaseStructure):
             for segment, index in layout.segment_of.items():
                 quaternions[segment] = layout.fixed[index]
         stretches = state.stretches
-        if not self.extensible or layout.segment_of:
+        if not self.extensible:
+            stretches = layout.skeleton.ones
+        elif layout.segment_of:
             stretches = np.where(layout.plan.stretch_column < 0, 1.0, stretches)
         origin = self._origin(quaternions, stretches, state.origin)
         return _state(quaternions, origin, stretches, angles, now)
 
     def _origin(self, quaternions: Array, stretches: Array, old: Array) -> Array:
         """Return the position of node 0, from `old`, that puts anchored nodes where they belong."""
+        if self.layout.origin is not None:
+            return self.layout.origin
         origin = np.array(old)
         anchors = self.layout.anchors
         places = np.zeros((1, 3))
@@ -774,8 +797,9 @@ class Rod(BaseStructure):
         layout = self.layout
         if not layout.fixed.shape[0]:
             return np.array(state.quaternions)
-        fixed = np.array(layout.fixed)
+        fixed = layout.fixed
         if layout.hinged.size:
+            fixed = np.array(fixed)
             turns = exponential(state.angles[:, None] * layout.turning_axes)
             fixed[layout.hinged] = multiply(turns, fixed[layout.hinged])
         return np.concatenate([state.quaternions, fixed])
@@ -797,15 +821,16 @@ class Rod(BaseStructure):
 
     def difference(self, a: RodState, b: RodState) -> Array:
         """Return the body increments that lead from `a` to `b`."""
-        plan = self.layout.plan
+        skeleton, plan = self.layout.skeleton, self.layout.plan
         dx = np.zeros(self.size)
-        count = self.lengths.size
-        columns = plan.column[:count]
-        free = columns >= 0
-        turns = _turns(a.quaternions[free], b.quaternions[free])
-        dx[columns[free][:, None] + np.arange(3)] = turns
-        stretch = plan.stretch_column >= 0
-        dx[plan.stretch_column[stretch]] = (b.stretches - a.stretches)[stretch]
+        free = skeleton.moving
+        before, after = a.quaternions, b.quaternions
+        if free.size < self.lengths.size:
+            before, after = before[free], after[free]
+        dx[skeleton.turns] = _turns(before, after)
+        if self.extensible:
+            stretch = plan.stretch_column >= 0
+            dx[plan.stretch_column[stretch]] = (b.stretches - a.stretches)[stretch]
         if b.angles.size:
             dx[plan.first_angle : plan.first_angle + b.angles.size] = b.angles - a.angles
         return dx
@@ -850,11 +875,8 @@ class Rod(BaseStructure):
     @cached_property
     def isotropic(self) -> bool:
         """Whether a spin of all sections about the tangents changes no strain energy."""
-        key = (self.law, self.natural, self.layout.skeleton)
-        known = self._shared.get("isotropic")
-        if known is None or any(a is not b for a, b in zip(known[0], key, strict=True)):
-            known = self._shared["isotropic"] = (key, self._is_isotropic())
-        return bool(known[1])
+        sources = (self.law, self.natural, self.layout.skeleton)
+        return recalled(self._shared, "isotropic", sources, self._is_isotropic)
 
     def _is_isotropic(self) -> bool:
         layout = self.layout

@@ -104,13 +104,15 @@ def as_frame(value: Any) -> Array:
             f"argument `frame` has shape {shape}; pass a scipy Rotation, the directors as the rows of "
             "a (3, 3) matrix, or a quaternion (4,), scalar first"
         )
-    return _from_rows(*finite_array("frame", value, (3, 3)).ravel().tolist())
+    if type(value) is np.ndarray and value.dtype == float:
+        return _from_rows(value.tobytes())
+    return _from_rows(finite_array("frame", value, (3, 3)).tobytes())
 
 
 @lru_cache(maxsize=64)
-def _from_rows(*entries: float) -> Array:
+def _from_rows(entries: bytes) -> Array:
     """Return the quaternion of a matrix of directors: a clamp that moves often keeps its frame."""
-    q = from_directors(np.array(entries).reshape(3, 3))
+    q = from_directors(finite_array("frame", np.frombuffer(entries).reshape(3, 3)))
     q.flags.writeable = False
     return q
 
