@@ -300,11 +300,11 @@ def derive(rod: Rod) -> Layout:
     loads = recalled(known, "loads", (skeleton, rod.loads), lambda: _loads_of(rod, skeleton))
     material = recalled(known, "material", (skeleton, rod.law), lambda: _material_of(rod, skeleton))
 
-    places = {s.node: s.position for s in rod.supports}
+    places: dict[int, Any] = {s.node: s.position for s in rod.supports}
     at = [None if node is None else places[node][k] for k, node in enumerate(skeleton.anchors)]
     targets = np.zeros(skeleton.rows.shape[0])
     for r, k, node in skeleton.prescribed:
-        targets[r] = places[node][k] - at[k]  # type: ignore[operator]  # neither is None
+        targets[r] = places[node][k] - at[k]
     return Layout(
         skeleton=skeleton,
         plan=plan._replace(
