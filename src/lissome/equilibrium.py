@@ -29,7 +29,7 @@ from .errors import (
 )
 from .factorization import Factorization, KKTMatrix
 from .reactions import Reaction, Reactions
-from .stability import lowest_mode, softest_mode
+from .stability import lowest_mode, softest_mode, yielding_multipliers
 from .structure import Corrected, Evaluation, Structure, save_state
 
 __all__ = ["Equilibrium", "Iteration", "equilibrate"]
@@ -298,11 +298,17 @@ def present(equilibrium: Equilibrium) -> Equilibrium:
 
 
 def redundant_constraints(structure: Any, kkt: KKTMatrix, gauge: Array, metric: Array) -> list[int]:
-    """Return the rows of Jacobian and gauge that depend linearly on earlier ones."""
+    """Return the rows of Jacobian and gauge that depend linearly on earlier ones.
+
+    Rows of multipliers with a compliance may: these forces yield, and are never redundant.
+    """
     rows = np.vstack([kkt.jacobian_rows(), gauge]) / np.sqrt(metric)
+    rigid = np.append(~yielding_multipliers(kkt), np.ones(len(gauge), dtype=bool))
     kept: list[Array] = []
     dependent = []
     for i, row in enumerate(rows):
+        if not rigid[i]:
+            continue
         size = float(np.linalg.norm(row))
         left = row.copy()
         for _ in range(2):
@@ -416,6 +422,11 @@ class _Solver:
     def inertia(self) -> tuple[int, int, int]:
         """Inertia without shift; zeros stand for 'not known'."""
         return self.plain.inertia if self.plain is not None else (0, 0, 0)
+
+    @property
+    def yielding(self) -> bool:
+        """Whether some multipliers are forces in parts that yield."""
+        return bool(np.any(yielding_multipliers(self.kkt)))
 
     def record(self, correction: float, shift: float, step: float, kind: str) -> None:
         """Add a line to the history."""
@@ -807,14 +818,16 @@ class _Solver:
         descended = getattr(self.structure, "descended", None)
         if descended is None:
             return None
+        origin = self.state, self.multipliers
         for guess in (self.multipliers, None) if known else (None,):
-            lower = descended(self.state, guess)
+            lower = descended(origin[0], guess)
             if lower is None:
                 continue
             self.state, self.multipliers = lower
             found = self.corrected("stable")
             if found is not None:
                 return found
+            self.state, self.multipliers = origin
         return None
 
     def stable(self) -> Equilibrium:
@@ -842,7 +855,7 @@ class _Solver:
                     return self.finish(dx, dmult, correction)
                 self.check_resolved()
                 self.escapes += 1
-                if self.escapes > 30 or not self.leave_saddle():
+                if self.yielding or self.escapes > 30 or not self.leave_saddle():
                     self.record(correction, 0.0, 0.0, "accepted")
                     raise Unstable(
                         f"the solve ended at a saddle with inertia {self.inertia} and could not "
@@ -852,6 +865,14 @@ class _Solver:
                     )
                 previous = math.inf
                 continue
+            if self.yielding:
+                # The Lagrangian is to be maximized by these forces: no merit function leads down.
+                raise self.fail(
+                    "no stable state was found from this start, neither near nor below, where moments "
+                    f"are unknowns (residual {self.residual:.3g}): start nearer, or go there in small "
+                    "steps (`follow`); a ribbon with the scheme 'cells' may find a state from afar, "
+                    "from which this one can start (`adapted`)"
+                )
             least = self.damping
             for attempt in range(8):
                 factor, shift = self.regular(least)

@@ -32,7 +32,14 @@ from ._validate import PLAIN, finite_array, integer_at_least, structure_like
 from .errors import FactorizationError, InvalidInput, NotConverged
 from .factorization import Factorization, KKTMatrix
 
-__all__ = ["Spectrum", "admissible_motions", "lowest_mode", "smallest_eigenvalue", "softest_mode"]
+__all__ = [
+    "Spectrum",
+    "admissible_motions",
+    "lowest_mode",
+    "smallest_eigenvalue",
+    "softest_mode",
+    "yielding_multipliers",
+]
 
 Array = NDArray[np.float64]
 
@@ -78,8 +85,23 @@ def _start_vector(n: int, seed: int = 0) -> Array:
     return vector
 
 
-def _yielding(kkt: KKTMatrix) -> NDArray[np.bool_]:
-    """Return which multipliers have a compliance, shape (m,)."""
+def yielding_multipliers(kkt: KKTMatrix) -> NDArray[np.bool_]:
+    """Return which multipliers have a compliance, shape (m,): forces in parts that yield.
+
+    Parameters
+    ----------
+    kkt : KKTMatrix
+        The matrix.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lissome.factorization import ChainKKT
+    >>> from lissome.stability import yielding_multipliers
+    >>> corner = np.diag([-0.5, 0.0])  # of a spring and of a rigid link
+    >>> yielding_multipliers(ChainKKT(np.zeros((2, 1)), np.eye(2), corner))
+    array([ True, False])
+    """
     return np.asarray(kkt.magnitude(np.zeros(kkt.n), np.ones(kkt.m))[1] > 0.0)
 
 
@@ -105,7 +127,7 @@ def admissible_motions(kkt: KKTMatrix, neutral: int = 0) -> int:
     >>> admissible_motions(DenseKKT(np.eye(3), jacobian=[[1.0, 1.0, 0.0]]))
     2
     """
-    return kkt.n - neutral - int(np.count_nonzero(~_yielding(kkt)))
+    return kkt.n - neutral - int(np.count_nonzero(~yielding_multipliers(kkt)))
 
 
 def softest_mode(
@@ -222,7 +244,7 @@ def _admissible(
     (k, m), that yielding parts answer with; they are zero if there are none.
     """
     images, forces = (columns.T for columns in factor.solve((metric * modes).T))
-    if not np.any(_yielding(kkt)):
+    if not np.any(yielding_multipliers(kkt)):
         forces = np.zeros_like(forces)
     size = np.sqrt(np.sum(images * metric * images, axis=1))[:, None]
     images, forces = images / size, forces / size
@@ -279,7 +301,7 @@ def lowest_mode(kkt: KKTMatrix, factor: Factorization, metric: Array) -> tuple[f
     """
     _, modes = _lanczos(factor, metric, 1, np.zeros((0, kkt.n)), 0, 1e-3)
     forces = np.zeros((len(modes), kkt.m))
-    if np.any(_yielding(kkt)):
+    if np.any(yielding_multipliers(kkt)):
         modes, forces = _admissible(kkt, factor, metric, modes)
     values, modes = _rayleigh(kkt, metric, modes, forces)
     if values.size == 0:
@@ -415,7 +437,7 @@ def smallest_eigenvalue(
         )
     if factor is None or not factor.is_minimum:
         factor, shift = _positive_shift(kkt, gauge, metric)
-    yielding = bool(np.any(_yielding(kkt)))
+    yielding = bool(np.any(yielding_multipliers(kkt)))
     noise = float(structure.noise(state))
 
     def rounding(value: float, mode: Array) -> float:

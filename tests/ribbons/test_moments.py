@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import lissome as ls
 from lissome import ribbons
-from lissome.errors import InvalidInput
+from lissome.errors import InvalidInput, NotConverged
 from lissome.stability import admissible_motions
 
 LAW = ribbons.Wunderlich(width=0.2, rigidity=1.0)
@@ -85,3 +85,37 @@ def test_eigenvalues_have_the_limit_of_those_of_cells(paths):
             values.append(eliminated(here.evaluation.kkt, mass)[:2])
         limits[scheme] = values[1] + (values[1] - values[0]) / 3
     np.testing.assert_allclose(limits["moments"], limits["cells"], rtol=8e-4)
+
+
+def test_a_strip_that_finds_no_state_says_what_to_do():
+    """And leaves the state where it began, not where the search broke off."""
+    strip = ribbons.straight(
+        1.0, 30, ribbons.Wunderlich(width=1 / 12, rigidity=12.0), scheme="moments"
+    ).clamped("start")
+    far = strip.clamped("end", (0.99, 0.0, 0.0))
+    with pytest.raises(
+        NotConverged, match=r"start nearer, or go there in small steps \(`follow`\)"
+    ) as e:
+        ls.equilibrate(far)
+    assert e.value.state.quaternions == pytest.approx(far.start().quaternions, abs=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore::lissome.errors.LissomeWarning")  # of bending that jumps
+def test_a_saddle_is_left_for_a_stable_state():
+    """Beside the pitchfork of a sheared strip: the symmetric state is a saddle of higher energy."""
+    flat = ribbons.straight(
+        1.0, 44, ribbons.Wunderlich(width=1 / 12, rigidity=12.0), scheme="moments"
+    ).clamped("start")
+    family = lambda shear: flat.clamped("end", (shear, 0.0, 0.75))  # noqa: E731
+    path = ls.follow(family, 0.0, 0.42)
+    assert [event.kind for event in path.events] == ["bifurcation"]
+    assert np.array_equal(path.table["smallest_eigenvalue"] > 0, path.table["index"] == 0)
+    saddle = path.equilibria[-1]
+    assert saddle.index == 1
+    values = ls.smallest_eigenvalue(saddle, count=2).values
+    assert values[0] < 0 < values[1]
+    with pytest.raises(InvalidInput, match="admissible motions"):
+        ls.smallest_eigenvalue(saddle, count=saddle.structure.size)
+    stable = ls.equilibrate(saddle.structure, saddle)
+    assert stable.stable
+    assert stable.energy < saddle.energy
