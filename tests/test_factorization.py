@@ -69,11 +69,11 @@ def check_against_dense(kkt, factor, full):
 @settings(max_examples=150, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    length=st.integers(1, 40),
-    width=st.integers(0, 6),
+    length=st.integers(1, 60),
+    width=st.one_of(st.integers(0, 6), st.integers(14, 50)),
     border=st.integers(0, 6),
     zeros=st.sampled_from([0.0, 0.3, 0.7, 1.0]),
-    sparsity=st.sampled_from([0.0, 0.4]),
+    sparsity=st.sampled_from([0.0, 0.4, 0.9]),
 )
 def test_chain_has_the_inertia_and_the_solutions_of_the_dense_matrix(
     seed, length, width, border, zeros, sparsity
@@ -81,6 +81,13 @@ def test_chain_has_the_inertia_and_the_solutions_of_the_dense_matrix(
     band, rows = random_chain(seed, length, width, border, zeros, sparsity)
     kkt = ChainKKT(band, rows)
     full = dense_of(kkt)
+    lower = np.zeros((length + border, length + border))
+    for k in range(min(width + 1, length)):
+        lower[np.arange(k, length), np.arange(length - k)] = band[: length - k, k]
+    lower[length:, :length] = rows
+    np.testing.assert_array_equal(full, np.tril(lower) + np.tril(lower, -1).T)
+    terms = np.concatenate(kkt.magnitude(np.ones(length), np.ones(border)))
+    np.testing.assert_allclose(terms, np.abs(full).sum(axis=1), rtol=1e-14)
     if well_posed(full):
         check_against_dense(kkt, kkt.factorize(), full)
 

@@ -35,26 +35,54 @@ inner = _jit(no_cfunc_wrapper=True, no_cpython_wrapper=True)
 #: Largest sum of the entries of a scaled border row.
 _BORDER = 0.0625
 
+#: Columns whose part of entries is more than one over this are eliminated as if they were full.
+_FULL = 1.5
+
 #: Kinds of events in the record of an elimination.
 _ONE, _DELAY, _SLOT, _PAIR = 1, 2, 3, 4
 
 
 @jit
-def scale_chain(band, border, corner, nb, passes, scale, largest):
+def list_entries(band, columns, at, count):
+    """Write where the first columns of the band have entries below the diagonal.
+
+    Bands are wide where a few unknowns reach far, and mostly empty then.
+
+    Parameters
+    ----------
+    band : ndarray (n, w + 1)
+    columns : int
+        Their number.
+    at : ndarray (n, w + 1) of uint32
+        Overwritten: the first ``count[j]`` of row j are the offsets k of entries ``band[j, k]``.
+    count : ndarray (n,) of uint32
+        Overwritten.
+    """
+    n, width = band.shape
+    for j in range(columns):
+        c = 0
+        for k in range(1, min(width, n - j)):
+            at[j, c] = k
+            c += 1 if band[j, k] != 0.0 else 0
+        count[j] = c
+
+
+@jit
+def scale_chain(band, at, count, border, corner, nb, passes, scale, largest):
     """Write factors (powers of two) that make all rows of similar size (Ruiz' iteration).
 
     Rows of the border are made smaller still: what eliminated columns leave there adds up along the
     chain, and is not to delay those that follow. Border rows are no pivots before the end, where their
     scale does not matter.
 
-    ``largest``, like ``scale`` (n + nb,), is overwritten.
+    ``at`` and ``count`` are those of `list_entries`; ``largest``, like ``scale`` (n + nb,), is overwritten.
 
     Returns
     -------
     norm : float
         Largest entry of band and border; NaN or infinity if an entry of the matrix is not finite.
     """
-    n, width = band.shape
+    n = band.shape[0]
     for j in range(n + nb):
         scale[j] = 1.0
     norm = 0.0
@@ -68,10 +96,8 @@ def scale_chain(band, border, corner, nb, passes, scale, largest):
         for j in range(n):
             sj = scale[j]
             big = largest[j]
-            top = n - j
-            if top > width:
-                top = width
-            for k in range(top):
+            for a in range(-1, count[j]):
+                k = at[j, a] if a >= 0 else 0
                 v = abs(band[j, k])
                 if p == 0:
                     poison += 0.0 * v
@@ -80,7 +106,7 @@ def scale_chain(band, border, corner, nb, passes, scale, largest):
                 u = v * scale[j + k]
                 if u > big:
                     big = u
-                if k > 0:
+                if a >= 0:
                     v *= sj
                     if v > largest[j + k]:
                         largest[j + k] = v
@@ -122,18 +148,18 @@ def scale_chain(band, border, corner, nb, passes, scale, largest):
 
 
 @jit
-def scaled_copy(band, border, corner, nb, scale, band_out, border_out, corner_out):
+def scaled_copy(band, at, count, border, corner, nb, scale, band_out, border_out, corner_out):
     """Write the scaled matrix to work arrays; the columns of the slots are set to zero."""
-    n, width = band.shape
+    n = band.shape[0]
+    band_out[:] = 0.0
     border_out[:] = 0.0
     corner_out[:] = 0.0
     for j in range(n):
         sj = scale[j]
-        top = min(width, n - j)
-        for k in range(top):
+        band_out[j, 0] = band[j, 0] * (sj * sj)
+        for a in range(count[j]):
+            k = at[j, a]
             band_out[j, k] = band[j, k] * (sj * scale[j + k])
-        for k in range(top, width):
-            band_out[j, k] = 0.0
         for r in range(nb):
             border_out[j, r] = border[j, r] * (sj * scale[n + r])
     for r in range(nb):
@@ -142,18 +168,17 @@ def scaled_copy(band, border, corner, nb, scale, band_out, border_out, corner_ou
 
 
 @jit
-def apply_chain(band, border, corner, nb, x, out):
+def apply_chain(band, at, count, border, corner, nb, x, out):
     """Write the matrix times ``x`` (k, n + nb) to ``out``."""
-    n, width = band.shape
-    w = width - 1
+    n = band.shape[0]
     for c in range(x.shape[0]):
         for j in range(n + nb):
             out[c, j] = 0.0
         for j in range(n):
             xj = x[c, j]
             total = band[j, 0] * xj
-            top = min(w, n - 1 - j)
-            for k in range(1, top + 1):
+            for a in range(count[j]):
+                k = at[j, a]
                 total += band[j, k] * x[c, j + k]
                 out[c, j + k] += band[j, k] * xj
             for r in range(nb):
@@ -166,16 +191,16 @@ def apply_chain(band, border, corner, nb, x, out):
 
 
 @jit
-def magnitude_chain(band, border, corner, nb, x, out):
+def magnitude_chain(band, at, count, border, corner, nb, x, out):
     """Write absolute values of the matrix times those of ``x`` (n + nb,) to ``out``."""
-    n, width = band.shape
-    w = width - 1
+    n = band.shape[0]
     for j in range(n + nb):
         out[j] = 0.0
     for j in range(n):
         xj = abs(x[j])
         total = abs(band[j, 0]) * xj
-        for k in range(1, min(w, n - 1 - j) + 1):
+        for a in range(count[j]):
+            k = at[j, a]
             v = abs(band[j, k])
             total += v * abs(x[j + k])
             out[j + k] += v * xj
@@ -190,10 +215,9 @@ def magnitude_chain(band, border, corner, nb, x, out):
 
 
 @inner
-def _residual(band, border, corner, nb, b, z, left, sizes):
+def _residual(band, at, count, border, corner, nb, b, z, left, sizes):
     """Write b - K z and |b| + |K| |z|; return the largest ratio of their entries."""
-    n, width = band.shape
-    w = width - 1
+    n = band.shape[0]
     for j in range(n + nb):
         left[j] = b[j]
         sizes[j] = abs(b[j])
@@ -202,7 +226,8 @@ def _residual(band, border, corner, nb, b, z, left, sizes):
         v = band[j, 0] * zj
         total = v
         weight = abs(v)
-        for k in range(1, min(w, n - 1 - j) + 1):
+        for i in range(count[j]):
+            k = at[j, i]
             a = band[j, k]
             v = a * z[j + k]
             total += v
@@ -390,14 +415,18 @@ def eliminate_plainly(band, border, corner, nb, threshold, floor, pivots, weight
 
 @jit
 def factorize_chain(
-    band, border, corner, nb, slots, threshold, floor, pivots, weight, events, links, occupant, done
-):
+    band, at, count, border, corner, nb, slots, threshold, floor, pivots, weight, events, links,
+    occupant, done,
+):  # fmt: skip
     """Go on where `eliminate_plainly` stopped; ``border`` is (n, nb + slots), ``corner`` square.
 
     Parameters
     ----------
     band, border, corner : ndarray
         Overwritten by the factors. Columns and rows of the slots must be zero.
+    at, count : ndarray (n, w + 1) and (n,) of uint32
+        Overwritten: offsets and numbers of the entries below the diagonal that columns of the band have
+        when they are eliminated.
     nb, slots : int
         Number of border rows, and of places for delayed columns.
     threshold : float
@@ -422,8 +451,8 @@ def factorize_chain(
     -------
     status : int
         0, or 1 if the slots did not suffice.
-    count : int
-        Number of events.
+    number : int
+        Of events.
     top : int
         Number of border rows and slots that may be in use.
     positive, negative : int
@@ -436,10 +465,12 @@ def factorize_chain(
     n, width = band.shape
     w = width - 1
     occupant[:] = -1
+    row = np.empty(width)
     top = nb  # border rows in use are below this
     used = 0
-    count, positive, negative, smallest, largest, growth = done
-    first = count
+    number, positive, negative, smallest, largest, growth = done
+    first = number
+    list_entries(band, first, at, count)
     for j in range(first):
         links[j, 0] = j
         links[j, 1] = -1
@@ -451,38 +482,53 @@ def factorize_chain(
         a = band[j, 0]
         size = abs(a)
         big = 0.0
+        c = 0
         for k in range(1, reach + 1):
-            big = max(big, abs(band[j, k]))
+            at[j, c] = k
+            c += 1 if band[j, k] != 0.0 else 0
+        count[j] = c
+        for i in range(c):
+            row[i] = band[j, at[j, i]]
+            big = max(big, abs(row[i]))
+        rows = 0  # of the border that this column has to do with
         for r in range(top):
-            big = max(big, abs(border[j, r]))
+            if border[j, r] != 0.0:
+                big = max(big, abs(border[j, r]))
+                rows = r + 1
         growth = max(growth, big, size)
         done = size >= threshold * big and size > floor
         if done:
             d = 1.0 / a
-            for k in range(1, reach + 1):
-                factor = band[j, k] * d
-                if factor != 0.0:
+            full = _FULL * c > reach
+            for i in range(c):
+                k = at[j, i]
+                factor = row[i] * d
+                if full:
                     for q in range(reach - k + 1):
                         band[j + k, q] -= factor * band[j, k + q]
-                    for r in range(top):
-                        border[j + k, r] -= factor * border[j, r]
-            for r in range(top):
+                else:
+                    jk = np.uint64(j) + k
+                    for p in range(i, c):
+                        band[jk, at[j, p] - k] -= factor * row[p]
+                for r in range(rows):
+                    border[j + k, r] -= factor * border[j, r]
+            for r in range(rows):
                 factor = border[j, r] * d
                 if factor != 0.0:
                     for s in range(r + 1):
                         corner[r, s] -= factor * border[j, s]
                     weight[r] += abs(factor * border[j, r])
-            for k in range(1, reach + 1):
-                band[j, k] *= d
-            for r in range(top):
+            for i in range(c):
+                band[j, at[j, i]] = row[i] * d
+            for r in range(rows):
                 border[j, r] *= d
             pivots[j, 0] = d
             links[j, 0] = j
             links[j, 1] = -1
-            events[count, 0] = _ONE
-            events[count, 1] = j
-            events[count, 2] = top
-            count += 1
+            events[number, 0] = _ONE
+            events[number, 1] = j
+            events[number, 2] = top
+            number += 1
             if a > 0.0:
                 positive += 1
             else:
@@ -521,7 +567,7 @@ def factorize_chain(
                             best = nb + t
                             break
                     if best < 0:
-                        return 1, count, top, positive, negative, smallest, largest, growth
+                        return 1, number, top, positive, negative, smallest, largest, growth
                     s = best
                     occupant[s - nb] = j
                     used += 1
@@ -536,10 +582,10 @@ def factorize_chain(
                         border[j, r] = 0.0
                     for k in range(1, reach + 1):
                         border[j + k, s] = band[j, k]
-                    events[count, 0] = _DELAY
-                    events[count, 1] = j
-                    events[count, 2] = s
-                    count += 1
+                    events[number, 0] = _DELAY
+                    events[number, 1] = j
+                    events[number, 2] = s
+                    number += 1
                     done = True
                     continue
             elif used > 0:
@@ -571,8 +617,8 @@ def factorize_chain(
                 links[i, 1] = j
                 links[j, 0] = j
                 links[j, 1] = i
-                events[count, 0] = _PAIR
-                events[count, 1] = j
+                events[number, 0] = _PAIR
+                events[number, 1] = j
                 middle = 0.5 * (a + c)
                 radius = math.sqrt(0.25 * (a - c) ** 2 + b * b)
                 outer = max(abs(middle + radius), abs(middle - radius))
@@ -588,8 +634,8 @@ def factorize_chain(
             else:
                 pii = 1.0 / c
                 links[i, 1] = -1
-                events[count, 0] = _SLOT
-                events[count, 1] = i
+                events[number, 0] = _SLOT
+                events[number, 1] = i
                 smallest = min(smallest, abs(c))
                 largest = max(largest, abs(c))
                 if c > 0.0:
@@ -601,8 +647,8 @@ def factorize_chain(
             pivots[i, 1] = pij
             pivots[i, 2] = pjj
             links[i, 0] = j
-            events[count, 2] = s
-            count += 1
+            events[number, 2] = s
+            number += 1
             occupant[s - nb] = -1
             used -= 1
         if used == 0:
@@ -610,7 +656,7 @@ def factorize_chain(
         else:
             while top > nb and occupant[top - 1 - nb] < 0:
                 top -= 1
-    return 0, count, top, positive, negative, smallest, largest, growth
+    return 0, number, top, positive, negative, smallest, largest, growth
 
 
 #: Size of a matrix from which on LAPACK finds its eigenvalues. Its threads would have to wait for one
@@ -732,7 +778,7 @@ def invert_corner(corner, nb, top, occupant, weight, floor, inverse):
 @inner
 def _solve_plainly(factors, nb, y, x, z):
     """Overwrite ``z`` (n + nb,) by the solution, with the factors of `eliminate_plainly`."""
-    band, border, pivots, inverse, _, _ = factors
+    band, _, _, border, pivots, inverse, _, _ = factors
     n, width = band.shape
     for r in range(nb):
         y[r] = z[n + r]
@@ -766,22 +812,23 @@ def _solve_plainly(factors, nb, y, x, z):
 @inner
 def _solve_with_delays(factors, nb, y, x, z):
     """Overwrite ``z`` (n + nb,) by the solution, with the factors of `factorize_chain`."""
-    band, border, pivots, inverse, events, links = factors
+    band, at, count, border, pivots, inverse, events, links = factors
     n, width = band.shape
     w = width - 1
     total = border.shape[1]
-    count = events.shape[0]
+    number = events.shape[0]
     for r in range(nb):
         y[r] = z[n + r]
     for r in range(nb, total):
         y[r] = 0.0
-    for e in range(count):
+    for e in range(number):
         kind = events[e, 0]
         j = events[e, 1]
         s = events[e, 2]
         if kind == _ONE:
             v = z[j]
-            for k in range(1, min(w, n - 1 - j) + 1):
+            for p in range(count[j]):
+                k = at[j, p]
                 z[j + k] -= band[j, k] * v
             for r in range(s):
                 y[r] -= border[j, r] * v
@@ -810,13 +857,14 @@ def _solve_with_delays(factors, nb, y, x, z):
         x[r] = 0.0
         for s in range(total):
             x[r] += inverse[r, s] * y[s]
-    for e in range(count - 1, -1, -1):
+    for e in range(number - 1, -1, -1):
         kind = events[e, 0]
         j = events[e, 1]
         s = events[e, 2]
         if kind == _ONE:
             v = z[j] * pivots[j, 0]
-            for k in range(1, min(w, n - 1 - j) + 1):
+            for p in range(count[j]):
+                k = at[j, p]
                 v -= band[j, k] * z[j + k]
             for r in range(s):
                 v -= border[j, r] * x[r]
@@ -859,14 +907,14 @@ def _refined_with(solve):
 
         Parameters
         ----------
-        matrix : (band, border, corner)
-            The matrix that was factored, before scaling.
+        matrix : (band, at, count, border, corner)
+            The matrix that was factored, before scaling, and the places of its entries.
         nb : int
             Number of border rows.
         norm : float
             Largest entry of the matrix.
         scale : ndarray (n + nb,)
-        factors : (band, border, pivots, inverse, events, links)
+        factors : (band, at, count, border, pivots, inverse, events, links)
             Of the scaled matrix.
         enough : float
             Refinement ends when the residual of each row is this small against its terms (LAPACK's
@@ -883,7 +931,7 @@ def _refined_with(solve):
             Largest residual, relative to the largest right-hand side, plus the largest entry of the
             matrix times that of the solution. Infinite if the solution is not finite.
         """
-        band, border, corner = matrix
+        band, at, count, border, corner = matrix
         total = scale.size
         trial = work[0]
         left = work[1]
@@ -903,7 +951,7 @@ def _refined_with(solve):
                 solve(factors, nb, work[4], work[5], trial)
                 for j in range(total):
                     trial[j] = found[j] + scale[j] * trial[j]
-                new = _residual(band, border, corner, nb, rhs, trial, again, sizes)
+                new = _residual(band, at, count, border, corner, nb, rhs, trial, again, sizes)
                 if attempt > 0 and not new < error:
                     break
                 slow = new > 0.5 * error

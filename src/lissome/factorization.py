@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+Entries = tuple[NDArray[np.uint32], NDArray[np.uint32]]
 EPS = float(np.finfo(float).eps)
 #: Componentwise backward error of a solution that needs no refinement.
 ENOUGH = 16 * EPS
@@ -530,23 +531,54 @@ def _plain_layout(length: int, border: int) -> ChainLayout:
     return ChainLayout(length, border=border)
 
 
+#: Width of a band up to which it is taken as full.
+_NARROW = 16
+
+
+@lru_cache(maxsize=64)
+def _all_entries(length: int, width: int) -> Entries:
+    """Return the offsets and numbers of entries in the columns of a full band."""
+    at = np.tile(np.arange(1, width + 1, dtype=np.uint32), (length, 1))
+    count = np.minimum(width - 1, np.arange(length)[::-1]).astype(np.uint32)
+    return at, count
+
+
+class _ChainFactors(NamedTuple):
+    """Factors of a scaled chain; see :mod:`lissome._chain`."""
+
+    band: Array
+    at: NDArray[np.uint32]  # offsets of the entries in its columns
+    numbers: NDArray[np.uint32]  # of them
+    border: Array
+    pivots: Array
+    inverse: Array  # of what is left to the corner
+    events: NDArray[np.int64]
+    links: NDArray[np.int64]
+
+
 _NOTHING = np.empty((0, 3), dtype=np.int64)
 
 
 class _ChainFactorization(Factorization):
     def __init__(
-        self, band: Array, border: Array, corner: Array, layout: ChainLayout, counts: Any
+        self,
+        band: Array,
+        entries: Entries,
+        border: Array,
+        corner: Array,
+        layout: ChainLayout,
+        counts: Any,
     ) -> None:
         from . import _chain
 
         self.n, self.m, self.g = counts
-        self._original = (band, border, corner)
+        self._original = (band, *entries, border, corner)
         self._layout = layout
         length, nb = border.shape
         self._nb = nb
         self._scale = np.empty(length + nb)
         sizes = np.empty(length + nb)
-        self._norm = _chain.scale_chain(band, border, corner, nb, 2, self._scale, sizes)
+        self._norm = _chain.scale_chain(band, *entries, border, corner, nb, 2, self._scale, sizes)
         if not math.isfinite(self._norm):
             raise FactorizationError("the KKT matrix holds NaN or infinity")
         slots, threshold = 8, 0.05
@@ -554,7 +586,7 @@ class _ChainFactorization(Factorization):
             work = np.empty_like(band)
             edge = np.empty((length, nb + slots))
             small = np.empty((nb + slots, nb + slots))
-            _chain.scaled_copy(band, border, corner, nb, self._scale, work, edge, small)
+            _chain.scaled_copy(band, *entries, border, corner, nb, self._scale, work, edge, small)
             pivots = np.empty((length, 3))
             weight = np.zeros(nb + slots)
             done = _chain.eliminate_plainly(
@@ -564,13 +596,15 @@ class _ChainFactorization(Factorization):
             status, count, top = 0, 0, nb
             occupant = np.full(slots, -1, dtype=np.int64)
             events = links = _NOTHING
+            fill = entries
             if columns < length:
+                fill = np.empty(work.shape, np.uint32), np.empty(length, np.uint32)
                 events = np.empty((2 * length, 3), dtype=np.int64)
                 links = np.empty((length, 2), dtype=np.int64)
                 status, count, top, positive, negative, smallest, largest, growth = (
                     _chain.factorize_chain(
-                        work, edge, small, nb, slots, threshold, 64 * EPS, pivots, weight, events,
-                        links, occupant, done,
+                        work, *fill, edge, small, nb, slots, threshold, 64 * EPS, pivots, weight,
+                        events, links, occupant, done,
                     )
                 )  # fmt: skip
             if status == 1:  # many columns wait for a good pivot: give them room
@@ -593,7 +627,7 @@ class _ChainFactorization(Factorization):
             positive, negative = positive + more, negative + fewer
             smallest, largest = min(smallest, least), max(largest, 1.0)
         self._delays = columns < length
-        self._factors = (work, edge, pivots, inverse, events[:count], links)
+        self._factors = _ChainFactors(work, *fill, edge, pivots, inverse, events[:count], links)
         self.inertia = (positive, negative, zero)
         self.relative_smallest_pivot = smallest / largest if largest > 0 else 0.0
 
@@ -613,7 +647,7 @@ class _ChainFactorization(Factorization):
         if rhs_c is not None:
             b[:, second] = rhs_c.T
         solve = _chain.solve_with_delays if self._delays else _chain.solve_plainly
-        work = np.empty((6, max(b.shape[1], self._factors[1].shape[1])))
+        work = np.empty((6, max(b.shape[1], self._factors.border.shape[1])))
         left = solve(
             self._original, self._nb, self._norm, self._scale, self._factors, ENOUGH, refinements,
             b, z, work,
@@ -755,6 +789,18 @@ class ChainKKT(KKTMatrix):
             )
         return cls(band, border, corner, layout=layout)
 
+    @cached_property
+    def _entries(self) -> Entries:
+        """Offsets and numbers of the entries in the columns of the band, but for the diagonal."""
+        from . import _chain
+
+        length, width = self.band.shape
+        if width <= _NARROW:
+            return _all_entries(length, width)
+        at, count = np.empty((length, width), np.uint32), np.empty(length, np.uint32)
+        _chain.list_entries(self.band, length, at, count)
+        return at, count
+
     def _full(self, dx: Array, dmultipliers: Array) -> Array:
         x = np.empty(self.n + self.m)
         x[self._unknowns] = dx
@@ -767,7 +813,9 @@ class ChainKKT(KKTMatrix):
 
         x = self._full(dx, dmultipliers)[None, :]
         out = np.empty_like(x)
-        _chain.apply_chain(self.band, self.border, self.corner, self.border.shape[1], x, out)
+        _chain.apply_chain(
+            self.band, *self._entries, self.border, self.corner, self.border.shape[1], x, out
+        )
         return out[0, self._unknowns], out[0, self._constraints]
 
     def magnitude(self, dx: Array, dmultipliers: Array) -> tuple[Array, Array]:
@@ -776,7 +824,9 @@ class ChainKKT(KKTMatrix):
 
         x = self._full(dx, dmultipliers)
         out = np.empty_like(x)
-        _chain.magnitude_chain(self.band, self.border, self.corner, self.border.shape[1], x, out)
+        _chain.magnitude_chain(
+            self.band, *self._entries, self.border, self.corner, self.border.shape[1], x, out
+        )
         return out[self._unknowns], out[self._constraints]
 
     def factorize(
@@ -810,7 +860,9 @@ class ChainKKT(KKTMatrix):
             band[:, 0] += diagonal[:length]
             corner = corner.copy()
             corner[np.arange(nb), np.arange(nb)] += diagonal[length:]
-        return _ChainFactorization(band, border, corner, self.layout, (self.n, self.m, g))
+        return _ChainFactorization(
+            band, self._entries, border, corner, self.layout, (self.n, self.m, g)
+        )
 
 
 class TridiagonalKKT(ChainKKT):

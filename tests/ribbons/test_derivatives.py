@@ -175,5 +175,5 @@ def test_columns_that_wait_for_a_pivot_do_not_pile_up():
         found = ls.equilibrate(band, start=band.adapted(found))
         for width in (0.1, 0.15):  # in equilibrium, and at the beginning of a change of width
             kkt = band.with_width(width).evaluate(found.state, found.multipliers, 2).kkt
-            border = kkt.factorize()._factors[1]
+            border = kkt.factorize()._factors.border
             assert border.shape[1] <= band.layout.skeleton.border + 8

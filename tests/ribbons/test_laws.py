@@ -156,5 +156,7 @@ def test_the_fold_variable_of_a_flux():
             y = math.fsum(terms) / 4
         else:
             y = (0.5 * (math.exp(2 * a) - math.exp(-2 * a)) - 2 * a) / (4 * a * a)
-        assert fold_of(y) == pytest.approx(a, rel=3e-13)
-    assert fold_of(0.0) == 0.0
+        found, decay = fold_of(y)
+        assert found == pytest.approx(a, rel=3e-13)
+        assert decay == pytest.approx(math.exp(-2 * a), rel=6e-13 * max(a, 0.1))
+    assert fold_of(0.0) == (0.0, 1.0)

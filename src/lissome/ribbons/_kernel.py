@@ -224,21 +224,42 @@ def add_rulings(
 
 
 @jit
-def evaluate_moments(kappa, multipliers, rows, stress, first, second, order):
-    """Write what hinges add whose moments are unknowns: work of the moments on the angles.
+def add_moments(q, plan, local, band, border):
+    """Add what moments that are unknowns have to do with frames: each turns about its own director.
 
-    `kappa`, `multipliers` (n, 3): angles and moments. The first moment stands where the fold variable of
-    a hinge stands in the other schemes.
+    Moments are in the band. (Calls for each entry would cost more than all the rest.)
     """
-    first[:] = 0.0
-    second[:] = 0.0
-    for i in range(kappa.shape[0]):
-        for k in range(3):
-            rows[i, k] = kappa[i, k]
-            if order >= 1:
-                stress[i, k] = multipliers[i, k]
-        if order >= 2:
-            second[i, 1] = 1.0  # of kappa_1 and its moment; the others are constraints as elsewhere
+    length = band.shape[0]
+    g = np.empty(3)
+    for i in range(plan.left.size):
+        s, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        for r in range(3):
+            # vector part of the rotation times the director
+            if r == 0:
+                w0, w1, w2 = 0.0, -z, y
+            elif r == 1:
+                w0, w1, w2 = z, 0.0, -x
+            else:
+                w0, w1, w2 = -y, x, 0.0
+            for side in range(2):
+                f = plan.left[i] if side == 0 else plan.right[i]
+                c = plan.column[f]
+                if c < 0:
+                    continue
+                g[0], g[1], g[2] = w0, w1, w2
+                g[r] = -s if side == 0 else s
+                if side == 1 and plan.twist[i, 1] != 0.0:
+                    _turn_vector(g, plan.twist[i, 0], plan.twist[i, 1])
+                count = 3
+                if plan.turning[f]:
+                    count = 1
+                    g[0] = plan.axis[f, 0] * g[0] + plan.axis[f, 1] * g[1] + plan.axis[f, 2] * g[2]
+                row = local[i, r]
+                for k in range(count):
+                    if c + k >= length:
+                        border[row, c + k - length] += g[k]
+                    else:
+                        band[min(row, c + k), abs(row - c - k)] += g[k]
 
 
 @inner

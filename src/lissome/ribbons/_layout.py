@@ -351,8 +351,10 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
     used[stencils.where[stencils.where >= 0]] = True
     parts = parts_of(ribbon)
     fluxes = np.full((n - 1) * parts, -1, dtype=np.int64)
+    base, shape = np.zeros(0, dtype=np.int64), np.zeros((0, 0, 0, 4))
     if moments:
         used[:] = True
+        base, shape = _smooth(stencils.ahead[:-1], parts)
     column = np.full(stencils.count, -1, dtype=np.int64)
     frame_column = np.full(plan.column.size, -1, dtype=np.int64)
     local = np.full((n, 4), -1, dtype=np.int64)
@@ -365,6 +367,30 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
 
     for i in range(n):
         sides = (int(plan.left[i]), int(plan.right[i]))
+        if moments:
+            # What is inside a cell goes before all that it depends on: its elimination then leaves nothing
+            # behind in the wide gaps between hinges.
+            for k in np.flatnonzero(np.repeat(base, parts) == i):
+                fluxes[k] = place
+                place += 1
+                if (k + 1) % parts:  # the last one is at the hinge
+                    column[k + 1] = place
+                    place += 1
+            if frame_waiting[sides[0]]:
+                frame_column[sides[0]] = place
+                place += 3
+            r = int(stencils.where[i, 0])
+            if waiting[r]:
+                column[r] = place
+                place += 1
+            local[i, :3] = place + np.arange(3)
+            place += 3
+            frame_waiting[sides[0]] = waiting[r] = False
+            if frame_waiting[sides[1]] and (i == n - 1 or sides[1] != plan.left[i + 1]):
+                frame_column[sides[1]] = place
+                frame_waiting[sides[1]] = False
+                place += 3
+            continue
         for turn in range(2):
             f = sides[turn]
             if frame_waiting[f]:
@@ -379,26 +405,15 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
                     place += 1
             if turn == 0:
                 if cells and i:  # the cell behind is between the frames that it couples
-                    if moments:
-                        for k in range((i - 1) * parts, i * parts):
-                            fluxes[k] = place
-                            place += 1
-                            if (k + 1) % parts:  # the last one is at the hinge
-                                column[k + 1] = place
-                                place += 1
-                    else:
-                        local[i - 1, [0, 3]] = place, place + 1
-                        place += 2
+                    local[i - 1, [0, 3]] = place, place + 1
+                    place += 2
                 if not staggered:
                     r = int(stencils.where[i, 0])
                     if waiting[r]:
                         column[r] = place
                         waiting[r] = False
                         place += 1
-                if moments:
-                    local[i, :3] = place + np.arange(3)
-                    place += 3
-                elif cells or not fold:
+                if cells or not fold:
                     local[i, 1:3] = place, place + 1
                     place += 2
                 else:
@@ -449,9 +464,6 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
     other = np.where(stencils.before >= 0, local[stencils.before, 0], -1)[:, None]
     ends = (left + 2 * (left >= 0), right + 2 * (right >= 0))
     width = 2
-    base, shape = np.zeros(0, dtype=np.int64), np.zeros((0, 0, 0, 4))
-    if moments:
-        base, shape = _smooth(stencils.ahead[:-1], parts)
     groups = [
         [used_here, left, right, *ends, local[:, :3], other],
         [rulings, local[:, ::3]],

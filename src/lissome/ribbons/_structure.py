@@ -854,10 +854,8 @@ class Ribbon(BaseStructure):
         moments = np.array(multipliers[m : m + 3 * n].reshape(n, 3))
         fluxes = np.array(multipliers[m + 3 * n :])
         first, second = order >= 1, order >= 2
-        rows, slopes = np.empty((n, 3)), np.empty(fluxes.size)
-        stress, stiffness = np.zeros((n, 3)), np.zeros((n if second else 0, 3, 3))
-        one, two = np.empty((n, 4)), np.empty((n, 10))
-        _kernel.evaluate_moments(kappa, moments, rows, stress, one, two, order)
+        rows, slopes = kappa.copy(), np.empty(fluxes.size)
+        stiffness = np.zeros((n if second else 0, 3, 3))
         total = skeleton.length + skeleton.border
         gradient = np.empty(total if first else 0)
         band = np.empty((skeleton.length if second else 0, skeleton.width + 1))
@@ -865,18 +863,14 @@ class Ribbon(BaseStructure):
         corner = np.empty((skeleton.border, skeleton.border))
         outer = np.empty(m)
         energy = rod_kernel.assemble(
-            frames, np.array(state.stretches), np.array(state.angles), q, np.zeros(n), stress,
+            frames, np.array(state.stretches), np.array(state.angles), q, np.zeros(n), moments,
             stiffness, plan, np.array(multipliers[:m], dtype=float), gradient, band, border, corner,
             outer, order,
         )  # fmt: skip
         if layout.rod.net_force is not None:
             energy -= float(layout.rod.net_force @ self.rod._fixed_position(state))
-        if first:
-            rulings = layout.rulings._replace(where=np.full((n, 3), -1, dtype=np.int64))
-            _kernel.add_rulings(
-                q, kappa, np.zeros(n), plan, rulings, layout.ribbon_width, np.zeros((n, 3)), one, two,
-                gradient, band, border, corner, order,
-            )  # fmt: skip
+        if second:
+            _kernel.add_moments(q, plan, skeleton.local, band, border)
         energy += _kernel.add_cells(
             skeleton.ahead, skeleton.base, skeleton.shape, skeleton.column, skeleton.local,
             skeleton.fluxes, np.array(state.rulings), moments, fluxes, float(layout.parameters[0]),

@@ -48,30 +48,40 @@ SERIES = tuple(
     else (1 / 3, -1 / 45, 2 / 945)[k - 1]
     for k in range(1, 11)
 )
+#: Those of its first derivative over a, and of its second one.
+_SLOPES = tuple(2.0 * k * c for k, c in enumerate(SERIES, 1))
+_BENDS = tuple((2.0 * k - 1.0) * c for k, c in enumerate(_SLOPES, 1))
 #: Below this the series is used.
 SMALL = 0.4
+
+
+@jit(error_model="numpy", no_cpython_wrapper=True)
+def _cotangent(a, decay):
+    """Return a coth(a) and its first and second derivative for a >= 0, where ``decay`` is exp(-2a)."""
+    if a < SMALL:
+        x = a * a
+        y = x * x
+        g0, g1, d0, d1, e0, e1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(8, -1, -2):  # even and odd terms do not wait for each other
+            g0 = g0 * y + SERIES[k]
+            g1 = g1 * y + SERIES[k + 1]
+            d0 = d0 * y + _SLOPES[k]
+            d1 = d1 * y + _SLOPES[k + 1]
+            e0 = e0 * y + _BENDS[k]
+            e1 = e1 * y + _BENDS[k + 1]
+        return 1.0 + x * (g0 + x * g1), a * (d0 + x * d1), e0 + x * e1
+    part = 1.0 / (1.0 - decay)
+    g = a * (1.0 + decay) * part
+    csch2 = 4.0 * decay * part * part
+    return g, (1.0 + decay) * part - a * csch2, 2.0 * (g - 1.0) * csch2
 
 
 @jit(error_model="numpy")
 def cotangent_factor(a):
     """Return a coth(a) and its first and second derivative."""
-    if abs(a) < SMALL:
-        x = a * a
-        g = 0.0
-        d = 0.0
-        e = 0.0
-        for k in range(10, 0, -1):
-            c = SERIES[k - 1]
-            g = g * x + c
-            d = d * x + 2.0 * k * c
-            e = e * x + 2.0 * k * (2.0 * k - 1.0) * c
-        return 1.0 + x * g, a * d, e
     b = abs(a)
-    decay = math.exp(-2.0 * b)
-    coth = (1.0 + decay) / (1.0 - decay)
-    csch2 = 4.0 * decay / ((1.0 - decay) * (1.0 - decay))
-    slope = coth - b * csch2
-    return b * coth, (slope if a > 0.0 else -slope), 2.0 * (b * coth - 1.0) * csch2
+    g, d, e = _cotangent(b, math.exp(-2.0 * b))
+    return g, (d if a > 0.0 else -d), e
 
 
 def _logarithm(a: Array) -> tuple[Array, Array]:
@@ -108,61 +118,60 @@ def _tabulated() -> tuple[Array, Array]:
 
 
 #: The table of `fold_of` begins at the logarithm of 1e-3, and ends at that of about 1e13.
-_FIRST, _STEP, _COUNT = math.log(1e-3), 0.125, 300
+_FIRST, _STEP, _COUNT = math.log(1e-3), 0.0625, 600
 _FOLDS, _FOLD_SLOPES = _tabulated()
+
+
+@jit(error_model="numpy", no_cpython_wrapper=True)
+def _ratio_of_fold(a, decay, y):
+    """Return (sinh 2a - 2a)/(4 a^2) over y, and its logarithmic derivative, where ``decay`` is exp(-2a)."""
+    if a < 0.3:
+        x = a * a
+        h = 1.0 + x * (
+            0.2 + x * (2.0 / 105.0 + x * (1.0 / 945.0 + x * (2.0 / 51975.0 + x * 2.0 / 2027025.0)))
+        )
+        slope = 0.2 + x * (
+            4.0 / 105.0 + x * (3.0 / 945.0 + x * (8.0 / 51975.0 + x * 10.0 / 2027025.0))
+        )
+        return a * h / (3.0 * y), 1.0 + 2.0 * x * slope / h
+    rest = 1.0 - decay * decay - 4.0 * a * decay
+    slope = 2.0 * a * (1.0 - decay) * (1.0 - decay) / rest - 2.0
+    return rest / (8.0 * a * a * decay * y), slope
 
 
 @jit(error_model="numpy")
 def fold_of(y):
-    """Return the fold variable a >= 0 with (sinh 2a - 2a)/(4 a^2) = y >= 0.
+    """Return the fold variable a >= 0 with (sinh 2a - 2a)/(4 a^2) = y >= 0, and exp(-2a).
 
-    A cubic between tabulated values is off by some 1e-8; Newton's method for the logarithm of both sides
-    over that of a does the rest. Beyond the table that goes down from the right, as it is convex.
+    A cubic between tabulated values is off by less than 1e-6; Newton's method for the logarithm of both
+    sides over that of a does the rest. Beyond the table it goes down from the right, as it is convex.
     """
     if y < 1e-3:
         x = 9.0 * y * y
-        return 3.0 * y * (1.0 - x * (0.2 - x * 53.0 / 525.0))
-    target = math.log(y)
-    place = (target - _FIRST) / _STEP
+        a = 3.0 * y * (1.0 - x * (0.2 - x * 53.0 / 525.0))
+        return a, math.exp(-2.0 * a)
+    place = (math.log(y) - _FIRST) / _STEP
     k = int(place)
     if k < _COUNT - 1:
         x = place - k
         z = 1.0 - x
         a = z * z * (_FOLDS[k] * (1.0 + 2.0 * x) + _STEP * _FOLD_SLOPES[k] * x)
         a += x * x * (_FOLDS[k + 1] * (1.0 + 2.0 * z) - _STEP * _FOLD_SLOPES[k + 1] * z)
-    else:
-        a = 2.0 + 0.75 * math.log1p(y)
+        decay = math.exp(-2.0 * a)
+        ratio, slope = _ratio_of_fold(a, decay, y)
+        off = ratio - 1.0
+        step = off * (1.0 - 0.5 * off) / slope  # of logarithms
+        change = a * step * (1.0 - 0.5 * step)
+        return a - change, decay * (1.0 + 2.0 * change)
+    target = math.log(y)
+    a = 2.0 + 0.75 * target
     for _ in range(50):
-        if a < 0.3:
-            x = a * a
-            h = 1.0 + x * (
-                0.2
-                + x * (2.0 / 105.0 + x * (1.0 / 945.0 + x * (2.0 / 51975.0 + x * 2.0 / 2027025.0)))
-            )
-            value = math.log(a / 3.0 * h)
-            slope = (
-                1.0
-                + 2.0
-                * x
-                * (
-                    0.2
-                    + x
-                    * (4.0 / 105.0 + x * (3.0 / 945.0 + x * (8.0 / 51975.0 + x * 10.0 / 2027025.0)))
-                )
-                / h
-            )
-        else:
-            decay = math.exp(-2.0 * a)
-            e = decay * decay
-            tail = 4.0 * a * decay
-            rest = 1.0 - e - tail
-            value = 2.0 * a + math.log(rest / (8.0 * a * a))
-            slope = 2.0 * a * (1.0 + e - 2.0 * decay) / rest - 2.0
-        step = (value - target) / slope
+        rest = 1.0 - 4.0 * a * math.exp(-2.0 * a)  # 2a is more than 30
+        step = (2.0 * a + math.log(rest / (8.0 * a * a)) - target) / (2.0 * a / rest - 2.0)
         a *= 1.0 - step if abs(step) < 1e-3 else math.exp(-step)
         if abs(step) < 1e-7:  # the next one is of the order of its square
             break
-    return a
+    return a, math.exp(-2.0 * a)
 
 
 @jit(error_model="numpy")
@@ -176,26 +185,28 @@ def complementary(b, stress, eta, flux, out):
 
     `out`: value, energy, first derivatives by P, h and m, then those by PP, Ph, Pm, hh, hm, mm.
     """
-    r = 1.0 + eta * eta
-    rho = 4.0 * eta / r
-    drho = 4.0 * (1.0 - eta * eta) / (r * r)
-    c = 1.0 / (b * r * r)
+    part = 1.0 / (1.0 + eta * eta)
+    rho = 4.0 * eta * part
+    drho = 4.0 * (1.0 - eta * eta) * part * part
+    c = part * part / b
     size = max(abs(stress), 1e-150)
     s = stress * stress * c
-    a = fold_of(abs(flux) / (size * size * c)) if flux != 0.0 else 0.0
-    g, d, e = cotangent_factor(a)
-    decay = math.exp(-2.0 * a)
-    t = (1.0 - decay) / (1.0 + decay)
-    sech2 = 4.0 * decay / ((1.0 + decay) * (1.0 + decay))
-    bend = e - 2.0 * d * d / g + 2.0 * t * d
+    a, decay = 0.0, 1.0
+    if flux != 0.0:
+        a, decay = fold_of(abs(flux) / (size * size * c))
+    g, d, e = _cotangent(a, decay)
+    part = 1.0 / (1.0 + decay)
+    t = (1.0 - decay) * part
+    sech2 = 4.0 * decay * part * part
+    part = 1.0 / g
+    stiff = 1.0 / (e - 2.0 * d * d * part + 2.0 * t * d)
     sign = 1.0 if flux >= 0.0 else -1.0
-    value = 0.5 * s / g + abs(flux) * t
-    ds = 0.5 / g
-    dss_s = d * d / (2.0 * g * g * bend)  # times s: finite where s vanishes
-    dsm_s = -sign * d * sech2 / bend  # times s
-    out[0] = value
-    out[1] = 0.5 * s / g
-    out[2] = stress * c / g
+    ds = 0.5 * part
+    dss_s = 0.5 * d * d * part * part * stiff  # times s: finite where s vanishes
+    dsm_s = -sign * d * sech2 * stiff  # times s
+    out[0] = s * ds + abs(flux) * t
+    out[1] = s * ds
+    out[2] = stress * c * part
     out[3] = -rho * s * ds
     out[4] = sign * t
     out[5] = 2.0 * c * (ds + 2.0 * dss_s)
@@ -204,7 +215,7 @@ def complementary(b, stress, eta, flux, out):
     out[7] = 2.0 * dsm_s * (1.0 if stress >= 0.0 else -1.0) / size
     out[8] = s * (rho * rho - drho) * ds + rho * rho * s * dss_s
     out[9] = -rho * dsm_s
-    out[10] = 2.0 * g * g * sech2 * sech2 / (max(s, size * size * c) * bend)
+    out[10] = 2.0 * g * g * sech2 * sech2 * stiff / max(s, size * size * c)
 
 
 @jit(error_model="numpy")
