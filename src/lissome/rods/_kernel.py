@@ -57,12 +57,11 @@ class Plan(NamedTuple):
     lengths : ndarray (N,)
         Rest lengths of the segments.
     rows : ndarray (m, 3) of int64
-        Constraints: component (3: along `normal`, with weights), first and last (exclusive)
-        segment of a sum.
+        Constraints: component (3: with weights), first and last (exclusive) segment of a sum.
     phase : ndarray (N,)
         Weights of the row of component 3, which pins the phase of the lobes of a ring.
-    normal : ndarray (3,)
-        The direction whose component that row sums.
+    normals : ndarray (m, 3)
+        The direction whose component each row sums.
     stretch_column : ndarray (N,) of int64
         Unknown of the stretch of each segment, or -1.
     arms : ndarray (c, 7)
@@ -93,7 +92,7 @@ class Plan(NamedTuple):
     lengths: np.ndarray
     rows: np.ndarray
     phase: np.ndarray
-    normal: np.ndarray
+    normals: np.ndarray
     stretch_column: np.ndarray
     arms: np.ndarray
     natural: np.ndarray
@@ -208,13 +207,9 @@ def assemble(
         band[:] = 0.0
         border[:] = 0.0
         corner[:] = 0.0
-    forces, normals = plan.dead, _NO_ROWS
-    if m:
-        normals = np.vstack([_AXES, plan.normal])[plan.rows[:, 0]]
-        if order >= 1:
-            forces = _with_multipliers(plan, multipliers, normals)
+    forces = with_multipliers(plan, multipliers) if m and order >= 1 else plan.dead
     energy = float(plan.span @ values) + _add_segments(
-        frames, stretches, plan.lengths, plan.dead, forces, plan.rows, plan.phase, normals,
+        frames, stretches, plan.lengths, plan.dead, forces, plan.rows, plan.phase, plan.normals,
         plan.column, plan.stretch_column, plan.stiffness, length, gradient, band, border, corner,
         constraints, order,
     )  # fmt: skip
@@ -238,15 +233,11 @@ def assemble(
     return energy
 
 
-_AXES = np.eye(3)
-_NO_ROWS = np.empty((0, 3))
-
-
-def _with_multipliers(plan, multipliers, normals):
+def with_multipliers(plan, multipliers):
     """Return the forces in the segments: dead loads, and the multipliers of the constraints."""
     forces = plan.dead.copy()
     for value, (k, first, last), normal in zip(
-        multipliers.tolist(), plan.rows.tolist(), normals, strict=True
+        multipliers.tolist(), plan.rows.tolist(), plan.normals, strict=True
     ):
         if k < 3:
             forces[first:last, k] -= value

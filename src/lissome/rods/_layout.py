@@ -52,7 +52,7 @@ class Skeleton:
     anchors: tuple[int | None, ...]  # by component: node
     starts_held: bool  # whether each anchor is node 0
     phase: Array
-    normal: Array
+    normals: Array
     chain: ChainLayout
     length: int
     first_angle: int
@@ -245,6 +245,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
     for array in (metric, ones):
         array.flags.writeable = False
     border = place - length + m
+    numbers = np.array(rows, dtype=np.int64).reshape(-1, 3)
     return Skeleton(
         lengths=lengths,
         initial=rod.initial,
@@ -259,7 +260,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
         stretch=stretch,
         turning=turning,
         hinged=hinged,
-        rows=np.array(rows, dtype=np.int64).reshape(-1, 3),
+        rows=numbers,
         row_nodes=np.array(row_nodes, dtype=np.int64),
         prescribed=tuple(
             (r, row[0], node)
@@ -269,7 +270,7 @@ def make_skeleton(rod: Rod, key: tuple[Any, ...]) -> Skeleton:
         anchors=tuple(anchors),
         starts_held=all(node == 0 for node in anchors),
         phase=phase,
-        normal=normal,
+        normals=np.vstack([np.eye(3), normal])[numbers[:, 0]],
         chain=ChainLayout(length, np.arange(place), np.arange(place, place + m), border),
         length=length,
         first_angle=first_angle,
@@ -361,7 +362,7 @@ def _plan_without_values(rod: Rod, skeleton: Skeleton) -> _kernel.Plan:
         lengths=np.array(rod.lengths),
         rows=skeleton.rows,
         phase=skeleton.phase,
-        normal=skeleton.normal,
+        normals=skeleton.normals,
         stretch_column=skeleton.stretch,
         arms=none,
         natural=rod.natural[skeleton.nodes],
@@ -565,12 +566,4 @@ def _check_reach_of_segments(rod: Rod) -> None:
 
 def internal_forces(rod: Rod, multipliers: Array) -> Array:
     """Return the internal force on each segment, shape (N, 3): of what lies beyond on what is before."""
-    layout = rod.layout
-    forces = np.array(layout.plan.dead)
-    plan = layout.plan
-    for value, (k, first, last) in zip(multipliers, plan.rows, strict=True):
-        if k < 3:
-            forces[first:last, k] -= value
-        else:
-            forces -= value * plan.phase[:, None] * plan.normal
-    return forces
+    return _kernel.with_multipliers(rod.layout.plan, np.asarray(multipliers, dtype=float))
