@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import lapack
 from scipy.spatial.transform import Rotation
@@ -112,6 +112,7 @@ def test_unstable_directions_are_counted_alike(name):
 
 @settings(max_examples=12)
 @given(st.sampled_from(sorted(RODS)), st.integers(0, 2**32 - 1))
+@example("free", 840622)  # a segment has shrunk to a fifteenth of its length
 def test_gradient_and_hessian_belong_to_the_energy(name, seed):
     twin = CenterlineTwist(RODS[name])
     random = np.random.default_rng(seed)
@@ -130,7 +131,7 @@ def test_gradient_and_hessian_belong_to_the_energy(name, seed):
         plus, minus = lagrangian(h), lagrangian(-h)
         return [(p - m) / (2 * h) for p, m in zip(plus, minus, strict=True)]
 
-    h = 2e-4
+    h = 7e-5  # where a segment has shrunk, the errors of the quotients are large; they go with h^4
     fine, coarse = slopes(h / 2), slopes(h)
     bent, moved = here.kkt.apply(direction, np.zeros(multipliers.size))
     for exact, f, c in zip((here.gradient @ direction, bent, moved), fine, coarse, strict=True):
