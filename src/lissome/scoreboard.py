@@ -353,8 +353,8 @@ class Record:
 
 def _as_sentence(text: str) -> str:
     """Begin with a capital, unless with a symbol, and end with a point."""
-    first = text.split(" ", 1)[0]
-    if first == "a" or (len(first) > 1 and text[:2].isascii() and text[:2].isalpha()):
+    first = text.split(" ", 1)[0].rstrip(".,:;").replace("-", "")
+    if first == "a" or (len(first) > 1 and first.isascii() and first.isalpha()):
         text = text[0].upper() + text[1:]
     return text if text.endswith((".", "?")) else f"{text}."
 
