@@ -105,6 +105,28 @@ def test_a_driven_fold_snaps_on_time(step):
     assert all(e.stable for e in history.equilibria)
 
 
+def on_a_moving_support(place):
+    """The same fold, driven by a support that loads a stiff spring besides."""
+    stiffness = 1e4
+    return DenseStructure(
+        initial=[-1.0, place],
+        energy=lambda x: x[0] ** 4 / 4 - x[0] ** 2 / 2 - x[0] * x[1] + stiffness * x[1] ** 2 / 2,
+        gradient=lambda x: np.array([x[0] ** 3 - x[0] - x[1], stiffness * x[1] - x[0]]),
+        hessian=lambda x: np.array([[3 * x[0] ** 2 - 1, -1.0], [-1.0, stiffness]]),
+        constraints=lambda x: np.array([x[1] - place]),
+        jacobian=lambda x: np.array([[0.0, 1.0]]),
+        check=False,
+    )
+
+
+def test_what_a_moving_support_does_is_not_released():
+    """It moves a little from the last stable state to where the snap is computed, against the spring."""
+    history = run(on_a_moving_support, VectorState([-1.0, 0.0]), 1.0, 0.1)
+    (snap,) = history.events
+    assert abs(snap.time - HYSTERESIS_FOLD) <= snap.uncertainty
+    assert snap.energy_released == pytest.approx(0.75, abs=1e-4)
+
+
 def test_backward_drive_is_the_mirror_image():
     driven = Driven(hysteresis, rate=-1.0)
     first = ls.equilibrate(hysteresis(0.0, 1.0))

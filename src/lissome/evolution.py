@@ -906,14 +906,13 @@ class _Evolution:
             memory = self.evolving.advance(self.memory, self.time, ahead, equilibrium, equilibrium)
             structure = self.evolving.structure(memory)
             try:
-                after, _ = descend(structure, before, modes, signs, self.interrupted)
+                after, top = descend(structure, before, modes, signs, self.interrupted)
                 break
             except EvolutionInterrupted as error:
                 failure = error
         else:
             assert failure is not None
             raise failure
-        top = structure.evaluate(structure.adopt(before.state), before.multipliers, 0).energy
         instant = self.time + 0.5 * length
         row = len(self.times)
         if self.times[-1] == self.time:  # recorded already, as a step

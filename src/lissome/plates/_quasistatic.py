@@ -501,6 +501,7 @@ class PlateRun(_Evolution):
     ) -> None:  # fmt: skip
         """Put an event into the history, and go on behind it."""
         before = self.balanced
+        # Supports do no work between the two: time changes the strains of the plate, and nothing else.
         top = structure.evaluate(structure.adopt(source.state), NONE, 0).energy
         row = len(self.times)
         if self.times[-1] == self.time:  # recorded already, as a step
