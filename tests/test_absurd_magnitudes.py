@@ -123,6 +123,38 @@ def test_absurd_numbers_are_refused_or_computed_with(name, argument, size):
     assert "argument" in message if message else all(map(math.isfinite, found))
 
 
+LAWS = [
+    rods.Kirchhoff(bending=(1.0, 2.0), twisting=1.0),
+    rods.SanoWada.from_geometry(0.1, 0.01, poisson_ratio=0.3),
+    rods.RefinedRibbon(0.1, 0.01, poisson_ratio=0.3),
+    rods.RelaxedRibbon.sadowsky(0.1, 0.01, poisson_ratio=0.3, smoothing=0.1),
+]
+
+
+@pytest.mark.parametrize("size", [*ABSURD, 1e20, -1e59, -1e155])
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_absurd_strains_are_refused_or_computed_with(law, size):
+    for row in np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 1e-9]]):
+        if abs(size) > 1e60:
+            with pytest.raises(InvalidInput, match=r"argument `k` holds .*; use units"):
+                law.evaluate(size * row[None], 2)
+        else:
+            assert all(map(math.isfinite, numbers(law.evaluate(size * row[None], 2))))
+
+
+@pytest.mark.parametrize("law", [ribbons.Wunderlich, ribbons.Sadowsky])
+def test_absurd_bending_and_rulings_are_refused(law):
+    made = law(width=0.1, rigidity=1.0)
+    for strains, said in (
+        ((1e155, 0.0), "argument `bending` holds"),
+        ((0.1, 1e155), "argument `ruling` holds"),
+        ((1e50, 1e60), "arguments `bending` and `ruling` are 1e\\+50 and 1e\\+60"),
+    ):
+        with pytest.raises(InvalidInput, match=said):
+            made.energy(*strains)
+    assert made.energy(1e60, 0.0) == pytest.approx(0.05e120)
+
+
 def test_what_is_refused_is_named_with_its_remedy():
     for call, said in (
         (

@@ -71,6 +71,26 @@ def test_derivatives(crossover):
         assert np.allclose((up[1] - down[1]) / (2 * step), stiffness[:, :, a], atol=2e-5)
 
 
+@pytest.mark.parametrize("smoothing", [1e-6, 1e-9, 1e-13, 1e-17, 1e-40])
+def test_a_sharp_envelope_is_exact_to_rounding(smoothing):
+    """At equal bending and twist D - x^2 = delta x / sqrt(2) + ..., so that the moment is delta sqrt(2)."""
+    law = RelaxedRibbon((1.0, 40.0), 1.3, math.inf, smoothing=smoothing)
+    for size in (1.0, -3.0):
+        _, stress, _ = law.evaluate([[size, 0.0, size]], 1)
+        moment = math.sqrt(2.0) * smoothing * np.sign(size)
+        assert stress[0, 0] == pytest.approx(moment, rel=2 * smoothing + 1e-14, abs=0.0)
+
+
+def test_units_of_length_do_not_matter():
+    """Powers of two change no digit."""
+    unit = 2.0**90
+    small = RelaxedRibbon((1.0, 40.0), 1.3, CROSSOVER, smoothing=0.1).evaluate(strains())
+    large = RelaxedRibbon((1.0, 40.0), 1.3, CROSSOVER / unit, smoothing=0.1 * unit)
+    values = large.evaluate(strains() * unit)
+    for power, one, other in zip((2, 1, 0), small, values, strict=True):
+        assert other == pytest.approx(one * unit**power, rel=1e-14, abs=0.0)
+
+
 def test_is_sano_wada_where_that_is_convex():
     k = strains() * [1.0, 1.0, 0.2]
     k = k[k[:, 2] ** 2 < 0.5 * (CROSSOVER**-2 + k[:, 0] ** 2)]

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._compile import jit
-from .._validate import finite, finite_array, positive
+from .._validate import finite, finite_array, moderate, positive
 from ..errors import InvalidInput
 
 __all__ = ["RibbonLaw", "Sadowsky", "Wunderlich", "width_factor"]
@@ -417,12 +417,13 @@ class RibbonLaw:
         Raises
         ------
         InvalidInput
-            If the width times the slope is not between -2 and 2 (Wunderlich).
+            If the width times the slope is not between -2 and 2 (Wunderlich), or the energy is too
+            large for a float.
         """
         k, h, s = np.broadcast_arrays(
-            finite_array("bending", bending),
-            finite_array("ruling", ruling),
-            finite_array("slope", slope),
+            moderate("bending", finite_array("bending", bending)),
+            moderate("ruling", finite_array("ruling", ruling)),
+            moderate("slope", finite_array("slope", slope)),
         )
         factor = width_factor(self.width * s) if self.has_fold else np.ones(k.shape)
         out = np.empty(k.size)
@@ -430,6 +431,11 @@ class RibbonLaw:
         for i, values in enumerate(zip(k.flat, h.flat, factor.flat, strict=True)):
             density(parameters, float(values[0]), float(values[1]), float(values[2]), row)
             out[i] = row[0]
+            if not math.isfinite(row[0]):
+                raise InvalidInput(
+                    f"arguments `bending` and `ruling` are {values[0]:.3g} and {values[1]:.3g}; their "
+                    "energy is too large for a float: use units in which they are smaller"
+                )
         return out.reshape(k.shape)
 
 

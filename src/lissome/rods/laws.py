@@ -42,7 +42,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._compile import jit
-from .._validate import finite, finite_array, positive
+from .._validate import finite, finite_array, moderate, positive
 from ..errors import InvalidInput
 from .sections import Rectangle, Section
 
@@ -278,9 +278,9 @@ class CompiledLaw:
         Raises
         ------
         InvalidInput
-            If the shape of `k` is wrong.
+            If the shape of `k` is wrong, or a strain is larger than any that a problem has.
         """
-        k = strain_array(k, self.strains, self.count)
+        k = moderate("k", strain_array(k, self.strains, self.count))
         n, m = k.shape
         energy = np.empty(n)
         stress = np.empty((n if order >= 1 else 0, m))

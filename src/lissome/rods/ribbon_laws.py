@@ -293,24 +293,28 @@ def _positive_root(a: float, b: float, c: float, d: float) -> float:
 def relaxed_square(x, z, soft, smooth):
     """Return D = 1/xi^2 + t at the minimum over t, and t - x^2.
 
-    D is the only root beyond max(x^2 + 1/xi^2, z^2) of a cubic that is convex there: Newton's method
-    from above falls to it monotonically.
+    With p = max(x^2 + 1/xi^2, z^2) and a = |x^2 + 1/xi^2 - z^2|, the distance u = D - p is the only
+    positive root of u (u + a) (D + z^2) = smooth D^2. The cubic is convex beyond it: Newton's method
+    from above falls to it monotonically. Nothing cancels, however small `smooth` is.
     """
-    z4 = z * z * z * z
-    base = soft + x * x
-    floor = max(base, z * z)
-    d = floor + 2.0 * (smooth + math.sqrt(smooth * floor))
+    square = z * z
+    gap = soft + (x - z) * (x + z)
+    floor = square + gap if gap > 0.0 else square
+    scale = max(floor, smooth)
+    p, c, s, a = floor / scale, square / scale, smooth / scale, abs(gap) / scale
+    d = p + 2.0 * (s + math.sqrt(s * p))  # beyond the root, so that D^2 / (D + z^2) is larger there
+    most = s * d * d / (d + c)
+    u = 2.0 * most / (a + math.sqrt(a * a + 4.0 * most))
     for _ in range(200):
-        value = (d - base) * (d * d - z4) - smooth * d * d
-        slope = d * d - z4 + 2.0 * d * (d - base - smooth)
-        after = d - value / slope
-        if not after < d:
+        d = p + u
+        value = u * (u + a) * (d + c) - s * d * d
+        slope = (2.0 * u + a) * (d + c) + u * (u + a) - 2.0 * s * d
+        after = u - value / slope
+        if not 0.0 < after < u:
             break
-        d = after
-    excess = d - base
-    if z4 < 0.5 * d * d:  # no cancellation where the ribbon is little twisted
-        excess = smooth * d * d / (d * d - z4)
-    return d, excess
+        u = after
+    excess = u if gap > 0.0 else u + a
+    return scale * (p + u), scale * excess
 
 
 @jit
@@ -339,14 +343,14 @@ def _relaxed(parameters, k, energy, stress, stiffness, order):
             for a in range(3):
                 stiffness[i, a, 1] = 0.0
                 stiffness[i, 1, a] = 0.0
-            d3 = d * d * d
-            weight = 1.0 / (1.0 + 2.0 * smooth * z2 * z2 / (d3 * q * q))  # dD / dx^2
+            r = z2 / d
+            weight = 1.0 / (1.0 + 2.0 * smooth * r * r / (d * q * q))  # dD / dx^2
             by_x = 2.0 * x * weight
-            by_z = 4.0 * smooth * z * z2 / (d * d * q * q) * weight
-            stiffness[i, 0, 0] = b1 * (q + 2.0 * x * z2 * z2 / d3 * by_x)
+            by_z = 4.0 * smooth * z * r / (d * q * q) * weight
+            stiffness[i, 0, 0] = b1 * (q + 2.0 * x * r * r / d * by_x)
             stiffness[i, 1, 1] = b2
-            stiffness[i, 2, 2] = b1 * (6.0 * z2 / d - 2.0 * z * z2 / (d * d) * by_z) + c
-            cross = b1 * x * (-4.0 * z * z2 / (d * d) + 2.0 * z2 * z2 / d3 * by_z)
+            stiffness[i, 2, 2] = b1 * (6.0 * r - 2.0 * z * r / d * by_z) + c
+            cross = b1 * x * (-4.0 * z * r + 2.0 * r * r * by_z) / d
             stiffness[i, 0, 2] = cross
             stiffness[i, 2, 0] = cross
 
