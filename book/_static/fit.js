@@ -11,7 +11,10 @@
   function fit() {
     for (const [kind, least] of Object.entries(LEAST)) {
       const all = [...document.querySelectorAll(kind)];
-      for (const each of all) each.style.removeProperty("--fit");
+      for (const each of all) {
+        each.style.removeProperty("--fit");
+        each.classList.remove("lissome-wide");
+      }
       if (!narrow.matches) continue;
       // Cells have padding, and words that wrap: their width is not in proportion to their type.
       const share = new Map(all.map((each) => [each, 1]));
@@ -23,6 +26,8 @@
         }
         for (const each of wide) each.style.setProperty("--fit", share.get(each));
       }
+      const left = all.filter((each) => each.scrollWidth > each.clientWidth + 1);
+      for (const each of left) each.classList.add("lissome-wide");
     }
   }
 
