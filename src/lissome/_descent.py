@@ -33,8 +33,9 @@ def distance(structure: Any, one: Any, other: Any) -> float:
 def _energy_before(structure: Any, before: Balanced, modes: Array) -> float:
     """Return the energy that a state of a nearby structure has in `structure`.
 
-    With the work of the forces of supports that move from the one to the other; if these forces grow,
-    to second order in how much they do, where nothing moves along the critical `modes`.
+    With the work of the forces of supports that move from the one to the other. If these forces grow,
+    it is the energy of the state that follows where nothing moves along the critical `modes`: errors of
+    the one Newton step to it matter with their square, as far as the step is not far.
     """
     state, factors = structure.adopt(before.state), before.factorization
     here = structure.evaluate(state, before.multipliers, 1)
@@ -47,8 +48,14 @@ def _energy_before(structure: Any, before: Balanced, modes: Array) -> float:
         load = metric * mode
         dx, dm = factors.solve(load)  # the mode, over its eigenvalue
         gradient -= load * float(dx @ gradient + dm @ constraints) / float(dx @ load)
-    dx, dm = factors.solve(gradient, constraints)
-    return energy + max(0.0, -0.5 * float(dx @ gradient + dm @ constraints))
+    dx, dm = factors.solve(-gradient, -constraints)
+    growth = 0.5 * float(dx @ gradient + dm @ constraints)
+    if not growth > 0.0 or structure.max_step(state, dx) < 1.0:
+        return energy + max(growth, 0.0)
+    multipliers = before.multipliers + dm
+    there = structure.evaluate(structure.retract(state, dx), multipliers, 0)
+    found = float(there.energy + multipliers @ there.constraints) - energy
+    return energy + min(max(found, 0.5 * growth), 2.0 * growth)
 
 
 def descend(
