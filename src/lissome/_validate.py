@@ -332,6 +332,8 @@ def finite_array(
             f"argument `{name}`{where} is {_shown(raw[place])}; every entry must be finite"
         )
     target = np.dtype(dtype)
+    if raw.dtype == target:
+        return np.array(raw, order="C", copy=True)
     with np.errstate(over="ignore", invalid="ignore"):
         result = np.array(raw, dtype=target, order="C", copy=True)
     if target.kind in "iu" and not np.array_equal(result, raw):

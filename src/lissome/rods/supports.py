@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from .._validate import finite, finite_array
 from ..errors import InvalidInput
-from .quaternions import from_directors, from_matrix
+from .quaternions import from_directors
 
 __all__ = ["Support"]
 
@@ -89,7 +89,7 @@ def as_frame(value: Any) -> Array:
     if isinstance(value, Rotation):
         if not value.single:
             raise InvalidInput("argument `frame` holds several rotations; pass one")
-        return from_matrix(value.as_matrix())
+        return np.asarray(value.as_quat(canonical=True, scalar_first=True))
     shape = np.shape(value)
     if shape == (4,):
         q = finite_array("frame", value, (4,))
