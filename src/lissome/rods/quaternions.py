@@ -167,6 +167,8 @@ def _unit(name: str, array: Array, what: str) -> Array:
 
 def _broadcast(**arrays: Array) -> None:
     shapes = [array.shape[:-1] for array in arrays.values()]
+    if shapes.count(shapes[0]) == len(shapes):
+        return
     try:
         np.broadcast_shapes(*shapes)
     except ValueError:
@@ -181,7 +183,7 @@ def _cross(a: Array, b: Array) -> Array:
     """Return vector products; ``np.cross``, which takes vectors of any kind, costs several times as much."""
     x, y, z = a[..., 0], a[..., 1], a[..., 2]
     u, v, w = b[..., 0], b[..., 1], b[..., 2]
-    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    product = np.empty(a.shape if a.shape == b.shape else np.broadcast_shapes(a.shape, b.shape))
     product[..., 0] = y * w - z * v
     product[..., 1] = z * u - x * w
     product[..., 2] = x * v - y * u
