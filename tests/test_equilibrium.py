@@ -504,6 +504,25 @@ def test_a_residual_that_is_not_a_number_is_not_small():
     )
 
 
+@pytest.mark.parametrize("require", ["stable", "any"])
+def test_a_state_that_is_right_needs_other_multipliers(require):
+    """A load on what a constraint holds: nothing moves, and the reaction is its opposite."""
+
+    def held(force):
+        return DenseStructure(
+            initial=[0.0, 0.0],
+            energy=lambda x: 0.5 * float(x @ x) - force * x[0],
+            gradient=lambda x: x - np.array([force, 0.0]),
+            hessian=lambda x: np.eye(2),
+            constraints=lambda x: x[:1],
+            jacobian=lambda x: np.array([[1.0, 0.0]]),
+        )
+
+    found = equilibrate(held(5.0), equilibrate(held(0.0)), require=require)
+    assert found.state.x.tolist() == [0.0, 0.0]
+    assert found.multipliers == pytest.approx([5.0])
+
+
 def test_redundant_constraints_are_named():
     twice = quadratic(
         constraints=lambda x: [x[0] + x[1] - 1, x[0] - 3, 2 * x[0] + 2 * x[1] - 2],

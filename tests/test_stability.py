@@ -309,6 +309,9 @@ def test_random_matrices_with_compliances(seed, n, soft, m, g):
 
 def test_bad_arguments():
     found = equilibrate(Strip(0.7, 10))
+    fixed = Quadratic(DenseKKT(np.eye(2), np.eye(2)), np.zeros((0, 2)))
+    with pytest.raises(InvalidInput, match="leave no admissible motion"):
+        smallest_eigenvalue(fixed, fixed.start(), np.zeros(2))
     with pytest.raises(InvalidInput, match="count"):
         smallest_eigenvalue(found, count=8)
     with pytest.raises(InvalidInput, match="count"):

@@ -555,6 +555,14 @@ class _Solver:
         largest = float(structure.max_step(self.state, dx))
         if not 0 < largest <= 1:
             raise InvalidInput(f"`structure.max_step` returned {largest}; it must lie in (0, 1]")
+        if far <= 1e-14:  # the state is right, and its multipliers may not be
+            mult = self.multipliers + dmult
+            trial = structure.evaluate(self.state, mult, 2)
+            if _finite(trial):
+                assert trial.gradient is not None
+                left = relative_residual(trial.gradient, trial.constraints, self.terms)
+                if left < 0.5 * self.residual:
+                    return accept(self.state, mult, trial, 1.0, "newton")
         step = largest
         while step * far > 1e-14 and step > 1e-12:
             state = structure.retract(self.state, step * dx)

@@ -430,6 +430,11 @@ def smallest_eigenvalue(
     assert kkt is not None
     free = admissible_motions(kkt, len(gauge))
     count = integer_at_least("count", count, 1)
+    if free < 1:
+        raise InvalidInput(
+            "the constraints leave no admissible motion, and there is no eigenvalue: nothing can be "
+            "unstable; use more segments or elements to see what can move"
+        )
     if not 1 <= count <= free:
         raise InvalidInput(
             f"argument `count` is {count}; there are {free} admissible motions: it must lie in "

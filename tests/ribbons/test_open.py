@@ -356,6 +356,13 @@ def test_turning_an_end_is_the_same_as_a_turned_circle():
     assert turned.energy == pytest.approx(direct.energy, rel=1e-10)
 
 
+def test_a_single_hinge_is_refused():
+    for scheme, said in (("cells", "has no other beside it"), ("nodal", "has a single hinge")):
+        strip = ribbons.straight(1.0, 2, LAW, scheme=scheme).pinned("start", (0, 0, 0))
+        with pytest.raises(InvalidInput, match=f"{said}.*; use more segments"):
+            ls.equilibrate(strip.pinned("end", (0.1, 0, 0.7)))
+
+
 # ---- moments as unknowns -------------------------------------------------------------------------
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import lissome as ls
+from lissome import rods
 from lissome.references import elastica
 from lissome.rods import Kirchhoff, Rod, RodState
 from lissome.rods.quaternions import exponential, from_directors, multiply, rotate
@@ -345,6 +346,24 @@ def test_neutral_rotations_are_found(name):
     bent, moved = eq.evaluation.kkt.apply(eq.gauge[0], np.zeros(rod.constraints_count))
     assert np.max(np.abs(bent)) < 1e-9 * np.max(np.abs(eq.evaluation.kkt.band))
     assert np.max(np.abs(moved), initial=0.0) < 1e-12
+
+
+@pytest.mark.parametrize("stretching", [None, 1e3])
+@pytest.mark.parametrize("bending", [1.0, (1.0, 3.0)])
+def test_a_load_on_a_pin_changes_its_reaction_and_nothing_else(bending, stretching):
+    """A bent rod turns about the line through its pins, with or without forces on these."""
+    law = rods.Kirchhoff(bending, 1.0)
+    rod = rods.straight(1.0, 12, law, stretching=stretching)
+    rod = rod.pinned("start", (0.0, 0.0, 0.0)).pinned("end", (0.1, 0.0, 0.7))
+    plain = ls.equilibrate(rod)
+    force = np.array([1.0, -2.0, 3.0])
+    loaded = ls.equilibrate(rod.loaded(end=force, start=[0.0, 4.0, 1.0]), plain)
+    assert loaded.stable
+    assert len(loaded.gauge) == len(plain.gauge) == (2 if bending == 1.0 else 1)
+    assert loaded.positions == pytest.approx(plain.positions, abs=1e-8)
+    assert loaded.smallest_eigenvalue() == pytest.approx(plain.smallest_eigenvalue(), rel=1e-6)
+    change = loaded.reactions("end").force - plain.reactions("end").force
+    assert change == pytest.approx(-force, abs=1e-7)
 
 
 @pytest.mark.parametrize("support", ["pinned", "free"])

@@ -305,6 +305,12 @@ def _nodal(ribbon: Ribbon) -> _Stencils:
         terms.append([(k, m, d) for k, (m, d) in entry.items()])
     if cells:
         behind = np.roll(ahead, 1)
+        if np.any(ahead + behind == 0.0):
+            node = int(layout.nodes[np.argmin(ahead + behind)])
+            raise InvalidInput(
+                f"the hinge at node {node} has no other beside it, between which rulings could turn; use "
+                "more segments"
+            )
         before_of = np.where(behind > 0.0, np.roll(np.arange(n), 1), -1)
         share = np.stack([ahead, behind], axis=1) / (ahead + behind)[:, None]
     where = np.full((n, 3), -1, dtype=np.int64)

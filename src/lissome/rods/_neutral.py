@@ -67,7 +67,12 @@ def _neutral_motions(rod: Rod, state: RodState, frames: Array) -> Array:
         return np.column_stack([_cross_matrix(vector), np.zeros(3)])
 
     conditions: list[Array] = []
-    loads = np.unique(plan.dead, axis=0)
+    forces = np.array(layout.node_forces)
+    held_nodes = [(anchor[0], k) for k, anchor in enumerate(layout.anchors) if anchor is not None]
+    rows = zip(layout.row_nodes, plan.rows, strict=True)
+    for node, k in [*held_nodes, *((node, int(row[0])) for node, row in rows if node >= 0)]:
+        forces[node, k] = 0.0  # a load on what is prescribed does no work
+    loads = np.unique(forces, axis=0)
     for force in loads[np.any(loads != 0.0, axis=1)]:
         conditions.append(along(force / np.linalg.norm(force)))
     for _, force, arm in rod._couples:
