@@ -1,10 +1,13 @@
 """Equilibria of rods against closed forms, symmetry, and balance."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import lissome as ls
 from lissome import rods
+from lissome.errors import NotConverged
 from lissome.references import elastica
 from lissome.rods import Kirchhoff, Rod, RodState
 from lissome.rods.quaternions import exponential, from_directors, multiply, rotate
@@ -346,6 +349,40 @@ def test_neutral_rotations_are_found(name):
     bent, moved = eq.evaluation.kkt.apply(eq.gauge[0], np.zeros(rod.constraints_count))
     assert np.max(np.abs(bent)) < 1e-9 * np.max(np.abs(eq.evaluation.kkt.band))
     assert np.max(np.abs(moved), initial=0.0) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("place", "kind", "stretching"),
+    [
+        ((0.0, 0.0, 0.36), "clamped", 4e5),
+        ((0.0, 0.0, 0.5), "pinned", 1e4),
+        ((0.1, -0.04, 0.46), "pinned", 1e6),
+        ((-0.3, -0.1, 0.25), "clamped", 6e3),
+    ],
+)
+def test_extensible_rods_between_near_supports_bend(place, kind, stretching):
+    """Not squeezed at the start. The energy is that without stretch less n^2 / 2S, to first order in 1/S."""
+    rod = rods.straight(1.0, 20, rods.Kirchhoff((1.0, 3.0), 1.0)).clamped("start")
+    rod = getattr(rod, kind)("end", place)
+    stiff = ls.equilibrate(rod)
+    energies = []
+    for factor in (1.0, 2.0):
+        soft = dataclasses.replace(rod, stretching=factor * stretching)
+        found = ls.equilibrate(soft)
+        assert np.abs(found.state.stretches - 1.0).max() < 0.02
+        energies.append(found.energy)
+    tension = np.einsum("ij,ij->i", stiff.forces, np.diff(stiff.positions, axis=0)) / rod.lengths
+    release = float(np.sum(tension**2 * rod.lengths)) / (2.0 * stretching)
+    limit = 2.0 * energies[1] - energies[0]
+    assert limit == pytest.approx(stiff.energy, rel=1e-4)
+    assert limit - energies[0] == pytest.approx(release, rel=0.02)
+
+
+def test_a_segment_that_is_squeezed_to_nothing_is_named():
+    """A column of the stiffness 40 that would bear 4 pi^2 is crushed before it buckles."""
+    rod = rods.straight(1.0, 20, rods.Kirchhoff(1.0, 1.0), stretching=40.0).clamped("start")
+    with pytest.raises(NotConverged, match=r"squeezed to nothing.*stiffness larger"):
+        ls.equilibrate(rod.clamped("end", (0.0, 0.0, 0.5)))
 
 
 @pytest.mark.parametrize("stretching", [None, 1e3])

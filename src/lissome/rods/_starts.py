@@ -20,6 +20,9 @@ __all__ = ["reach_supports"]
 
 Array = NDArray[np.float64]
 
+#: Change of length in a start, beyond which bending alone is tried.
+STRETCHED = 0.1
+
 
 def reach_supports(rod: Rod, state: RodState) -> RodState:
     """Return a state near `state` that meets the constraints, if one is found.
@@ -27,7 +30,22 @@ def reach_supports(rod: Rod, state: RodState) -> RodState:
     Where hinges are far from their natural angles (a ring that is not closed yet, a clamp that has
     turned) the angles are evened out first. Then come Newton steps of least elastic work; where the
     rod is so straight that turning its segments does not bring its ends nearer, it is bent before.
+
+    To stretch costs much more than to bend. An extensible rod that would change its length by much keeps
+    it, if its supports can be met so: from where it is squeezed hardly any way leads down.
     """
+    near = 1e-9 * rod.length
+    found, left = _reached(rod, state, True)
+    change = np.max(np.abs(found.stretches / state.stretches - 1.0))
+    if rod.extensible and not (left <= near and change <= STRETCHED):
+        kept, left = _reached(rod, state, False)
+        if left <= near:
+            return kept
+    return found
+
+
+def _reached(rod: Rod, state: RodState, stretching: bool) -> tuple[RodState, float]:
+    """Return that state, and by how much it misses the supports; segments may keep their lengths."""
     layout = rod.layout
     plan = layout.plan
     m = plan.rows.shape[0]
@@ -35,7 +53,10 @@ def reach_supports(rod: Rod, state: RodState) -> RodState:
     if np.max(np.abs(_excess_angles(rod, state)[2])) > 0.5:
         state = _even_out(rod, state)
     if m == 0:
-        return state
+        return state, 0.0
+    stiff = plan.stretch_column[plan.stretch_column >= 0 if not stretching else slice(0, 0)]
+    metric = np.array(layout.metric)
+    metric[stiff] *= 1e12
     violation = rod.evaluate(state, zero, 0).constraints
     bent = False
     for _ in range(60):
@@ -43,7 +64,7 @@ def reach_supports(rod: Rod, state: RodState) -> RodState:
         if size <= 1e-9 * rod.length:
             break
         kkt = _unstressed(rod, state)
-        rows = kkt.jacobian_rows() / np.sqrt(layout.metric)
+        rows = kkt.jacobian_rows() / np.sqrt(metric)
         # A turn by dx (root mean square) moves the ends by about |rows| dx: is it enough?
         grip = np.linalg.svd(rows / math.sqrt(rod.length), compute_uv=False)[-1]
         if grip < 0.1 and not bent:
@@ -58,8 +79,9 @@ def reach_supports(rod: Rod, state: RodState) -> RodState:
             violation = rod.evaluate(state, zero, 0).constraints
             continue
         try:
-            factor = kkt.factorize(1.0 / rod.length**2, None, layout.metric, 1e-4 * rod.length**3)
+            factor = kkt.factorize(1.0 / rod.length**2, None, metric, 1e-4 * rod.length**3)
             step = factor.solve(none, -violation)[0]
+            step[stiff] = 0.0
         except FactorizationError:
             break
         fraction = min(rod.max_step(state, step), 0.7 / max(float(np.max(np.abs(step))), 0.7))
@@ -72,7 +94,7 @@ def reach_supports(rod: Rod, state: RodState) -> RodState:
         else:
             break
         state, violation = trial, left
-    return state
+    return state, float(np.linalg.norm(violation))
 
 
 def _excess_angles(rod: Rod, state: RodState) -> tuple[Array, Array, Array]:

@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 KEEP: Any = object()
 #: A hinge that turns farther (radians) is too far from a piece of a smooth rod.
 SHARP = 150.0 * math.pi / 180.0
+#: Stretch of a segment that is lost: no equilibrium passes through it.
+VANISHED = 1e-3
 
 
 def _frozen(array: Array) -> Array:
@@ -1057,8 +1059,18 @@ class Rod(BaseStructure):
             )
 
     def diagnose(self, state: RodState) -> str | None:
-        """Return the remedy if a hinge of `state` turns by more than 150 degrees, else None."""
+        """Return what is wrong with `state` and the remedy, else None.
+
+        That is a hinge that turns by more than 150 degrees, or a segment that has all but vanished.
+        """
         plan = self.layout.plan
+        j = int(np.argmin(state.stretches))
+        if state.stretches[j] < VANISHED:
+            return (
+                f"segment {j} is squeezed to nothing: of the strain (e^2 - 1)/2 a segment bears no "
+                "compression beyond 0.19 of its stretching stiffness; make that stiffness larger, or let "
+                "loads and supports squeeze the rod less"
+            )
         q, kappa = np.empty((plan.left.size, 4)), np.empty((plan.left.size, 3))
         _kernel.hinge_rotations(self._frames(state), plan.left, plan.right, plan.twist, q, kappa)
         i = int(np.argmin(q[:, 0]))
