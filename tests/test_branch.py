@@ -274,6 +274,32 @@ def test_two_folds_close_together_are_not_stepped_over():
         assert [event.parameter for event in branch.events] == pytest.approx([exact, -exact])
 
 
+@pytest.mark.parametrize("n", [20, 60])
+@pytest.mark.parametrize("beyond", [-1e-12, 0.0, 1e-12])
+def test_an_interval_that_ends_in_a_critical_state_has_no_event(n, beyond):
+    """A clamped column in `n` unknowns: rounding hides on which side of buckling the last state is."""
+    second = np.diff(np.eye(n + 2), 2, axis=0)[:, 1:-1] * (n + 1.0) ** 2
+    stiff = second.T @ second
+    critical = np.linalg.eigvalsh(stiff)[0]
+
+    def family(p):
+        return DenseStructure(
+            np.zeros(n),
+            lambda x: 0.5 * x @ stiff @ x - 0.5 * p * x @ x + 0.25 * np.sum(x**4),
+            lambda x: stiff @ x - p * x + x**3,
+            lambda x: stiff - p * np.eye(n) + 3 * np.diag(x**2),
+            check=False,
+        )
+
+    branch = follow(family, 0.0, critical * (1 + beyond))
+    assert branch.finished
+    assert kinds(branch) == []
+    assert branch.table.parameter.iloc[-1] == critical * (1 + beyond)
+    past = follow(family, 0.0, critical * (1 + 1e-6))
+    assert kinds(past) == ["bifurcation"]
+    assert past.events[0].parameter == pytest.approx(critical, rel=1e-8)
+
+
 def test_a_closed_branch_is_closed_and_both_folds_are_found():
     def family(p):  # x^2 + p^2 = 1
         return polynomial([p * p - 1, 0, 1], 1.0)
@@ -314,6 +340,27 @@ def test_a_loop_that_begins_at_a_bifurcation_is_closed(center, which, sign):
     assert abs(angle[-1] - angle[0]) == pytest.approx(2 * np.pi, abs=1e-5)
     for value in wanted:
         assert np.count_nonzero(table.kind[table.parameter == value] == "reported") == 2
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("step", [0.03, 0.1, 0.4])
+def test_half_of_a_lemniscate_ends_where_it_crosses_itself(sign, step):
+    """p^2 = x^2 - x^4: the branch comes back to its first state across its own beginning."""
+
+    def family(p):
+        return polynomial([p * p, 0, -1, 0, 1], -0.5)
+
+    trunk = follow(family, np.sqrt(3) / 4, -0.45, max_step=step)
+    assert kinds(trunk) == ["bifurcation"]
+    assert trunk.events[0].parameter == pytest.approx(0.0, abs=1e-7)
+    loop = trunk.switch(trunk.events[0], sign, outputs=X, max_step=step, bounds=(-1, 1))
+    assert kinds(loop) == ["fold", "fold", "end"]
+    assert [e.parameter for e in loop.events[:2]] == pytest.approx([sign / 2, -sign / 2])
+    x, p = loop.table.x.to_numpy(), loop.table.parameter.to_numpy()
+    assert x[[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert p[[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert np.all(sign * x[1:-1] > 0)
+    assert np.max(np.abs(x)) > 0.99
 
 
 def test_a_loop_through_curved_space_is_closed():

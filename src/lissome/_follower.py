@@ -728,8 +728,8 @@ class Follower:
         """Return the bifurcation at which the branch began, if it comes back to it just ahead.
 
         At a pitchfork the parameter turns there, and no value of it is passed that would tell. The
-        parabola that ends in the bifurcation, in the direction in which the branch left, must follow
-        the branch; if it might, the steps are shortened.
+        parabola that ends in the bifurcation must follow the branch; if it might, the steps are
+        shortened. (It need not come from where the branch left: see the lemniscate of the tests.)
         """
         if self.origin is None or len(self.rows) < 5:
             return None
@@ -744,10 +744,6 @@ class Follower:
         if any(
             (value - self.parameter) * (origin.parameter - value) > 0 for value, _ in self._ends()
         ):
-            return None
-        dx, _, dp = self._direction(point, length)
-        agreement = self._inner(metric, dx, dp, origin.dx, origin.dp)
-        if agreement < 0.9 * self._norm(metric, origin.dx, origin.dp):
             return None
         parameter, dx, dm = self._interpolated(point, 0.5 * length)
         try:
