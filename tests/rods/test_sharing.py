@@ -20,6 +20,7 @@ CHANGES = {
     "turned clamp": lambda rod, x: rod.clamped("end", (0.1, 0.0, 0.9), QUARTER if x > 0.5 else None),
     "clamped segment": lambda rod, x: rod.clamped("end", (0.0, 0.1 * x, 0.8), None, "segment"),
     "hinge": lambda rod, x: rod.hinged("end", (0.1, 0, None), np.eye(3), axis=(x, 1, 0)),
+    "driven hinge": lambda rod, x: rod.hinged("end", (0.1, 0, None), np.eye(3), axis=(1, 0, 0), moment=x),
     "pin": lambda rod, x: rod.pinned("end", (None, 0.1 * x, 0.8)),
     "pin in the middle": lambda rod, x: rod.pinned(4, (0.1 * x, 0.0, None)),
     "start slides": lambda rod, x: rod.pinned(4, (0.0, x / 9, None)).clamped("start", (0.0, None, 0.0)),
