@@ -495,7 +495,11 @@ class _Solver:
         message = _redundancy_message(self.structure, self.kkt, self.gauge, self.metric)
         if message:
             raise InvalidInput(message)
-        raise self.fail("the KKT matrix could not be made regular by any shift of the Hessian")
+        raise self.fail(
+            "the KKT matrix could not be made regular by any shift of the Hessian (residual "
+            f"{self.residual:.3g}): the search is lost where the constraints leave hardly any motion; "
+            "start nearer, go there in small steps (`follow`), or refine the mesh"
+        )
 
     def curvature(self, shift: float, dx: Array) -> float:
         """Return the stiffness along an increment, in units of the metric."""
@@ -684,9 +688,11 @@ class _Solver:
         floor += self.drift(value, mode, mult, value - floor)
         if not value > floor:
             raise StabilityNotResolvable(
-                f"the eigenvalue nearest to zero is {value:.3g}, which does not exceed the "
-                f"round-off floor {floor:.3g}: stability cannot be resolved at this point; move "
-                "the parameter away from the critical value, or use a coarser mesh",
+                self.diagnosed(
+                    f"the eigenvalue nearest to zero is {value:.3g}, which does not exceed the "
+                    f"round-off floor {floor:.3g}: stability cannot be resolved at this point; move "
+                    "the parameter away from the critical value, or use a coarser mesh"
+                ),
                 **details,
             )
 

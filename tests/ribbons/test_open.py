@@ -356,6 +356,21 @@ def test_turning_an_end_is_the_same_as_a_turned_circle():
     assert turned.energy == pytest.approx(direct.energy, rel=1e-10)
 
 
+@pytest.mark.parametrize("law", [ribbons.Sadowsky, ribbons.Wunderlich])
+def test_rulings_at_an_inflection_of_the_sadowsky_law_are_undetermined(law):
+    """Segments turned about d1, most in the middle: the hinge there does not bend."""
+    strip = ribbons.straight(1.0, 20, law(width=0.1, rigidity=1.0))
+    turns = np.zeros(strip.size)
+    middles = (np.arange(20) + 0.5) / 20
+    turns[strip.layout.plan.column[:20]] = 0.5 * np.sin(np.pi * middles)
+    said = strip.diagnose(strip.retract(strip.start(), turns))
+    if law is ribbons.Wunderlich:
+        assert said is None
+    else:
+        assert "passes zero at a hinge, near s = 0.5, " in said
+        assert "use the Wunderlich law" in said
+
+
 def test_a_single_hinge_is_refused():
     for scheme, said in (("cells", "has no other beside it"), ("nodal", "has a single hinge")):
         strip = ribbons.straight(1.0, 2, LAW, scheme=scheme).pinned("start", (0, 0, 0))

@@ -1046,6 +1046,12 @@ class Ribbon(BaseStructure):
             return found
         bending = np.abs(self.rod.strains(state)[:, 0])
         flat = bending <= 1e-9 * max(float(bending.max()), 1e-3 / self.length)
+        if not self.law.has_fold and flat.any() and not flat.all():
+            s = self.layout.arclength[np.argmax(flat)]
+            return (
+                f"the bending passes zero at a hinge, near s = {s:.4g}, and leaves its ruling "
+                "undetermined: use the Wunderlich law, whose rulings hold together, or other segments"
+            )
         runs = np.flatnonzero(flat[1:] & flat[:-1])
         if runs.size:
             s = self.layout.arclength[runs[0]]
