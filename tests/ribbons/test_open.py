@@ -362,7 +362,7 @@ def test_rulings_at_an_inflection_of_the_sadowsky_law_are_undetermined(law):
     strip = ribbons.straight(1.0, 20, law(width=0.1, rigidity=1.0))
     turns = np.zeros(strip.size)
     middles = (np.arange(20) + 0.5) / 20
-    turns[strip.layout.plan.column[:20]] = 0.5 * np.sin(np.pi * middles)
+    turns[strip.rod.layout.plan.column[:20]] = 0.5 * np.sin(np.pi * middles)
     said = strip.diagnose(strip.retract(strip.start(), turns))
     if law is ribbons.Wunderlich:
         assert said is None
