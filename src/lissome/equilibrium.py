@@ -498,7 +498,7 @@ class _Solver:
         raise self.fail(
             "the KKT matrix could not be made regular by any shift of the Hessian (residual "
             f"{self.residual:.3g}): the search is lost where the constraints leave hardly any motion; "
-            "start nearer, go there in small steps (`follow`), or refine the mesh"
+            "start nearer, or go there in small steps (`follow`), on a finer mesh if need be"
         )
 
     def curvature(self, shift: float, dx: Array) -> float:
