@@ -565,7 +565,7 @@ class _Solver:
             if _finite(trial):
                 assert trial.gradient is not None
                 left = relative_residual(trial.gradient, trial.constraints, self.terms)
-                if left < 0.5 * self.residual:
+                if left < min(0.5 * self.residual, 1e3 * self.noise):
                     return accept(self.state, mult, trial, 1.0, "newton")
         step = largest
         while step * far > 1e-14 and step > 1e-12:

@@ -734,7 +734,11 @@ class Ribbon(BaseStructure):
         return step
 
     def metric(self, state: RibbonState) -> Array:
-        """Return lengths as masses: norms approximate integrals over the ribbon."""
+        """Return lengths as masses: norms approximate integrals over the ribbon.
+
+        Fold variables have a mass where they are unknowns. Eigenvalues, though not their signs, differ
+        for that from those with moments as unknowns, and fall with the mesh where rulings all but meet.
+        """
         return self.layout.skeleton.metric
 
     def typical(self, state: RibbonState) -> float | Array:
