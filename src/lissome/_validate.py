@@ -82,9 +82,8 @@ def finite(name: str, value: Any, *, unit: str = "", largest: float = LARGEST) -
         ...
     lissome.errors.InvalidInput: argument `angle` is nan; pass a finite number
     """
-    if (
-        type(value) is float and abs(value) <= largest
-    ):  # the usual case; false of what is not a number
+    # The usual case; false of what is not a number. `largest` may be infinite.
+    if type(value) is float and abs(value) <= largest and math.isfinite(value):
         return value
     wanted = f"pass a finite number{f' ({unit})' if unit else ''}"
     item = value
