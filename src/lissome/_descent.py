@@ -30,8 +30,8 @@ def distance(structure: Any, one: Any, other: Any) -> float:
     return float(np.max(gap))
 
 
-def _energy_before(structure: Any, before: Balanced, modes: Array) -> float:
-    """Return the energy that a state of a nearby structure has in `structure`.
+def _energy_before(structure: Any, before: Balanced, modes: Array) -> tuple[float, float]:
+    """Return the energy that a state of a nearby structure has in `structure`, and a bound of its error.
 
     With the work of the forces of supports that move from the one to the other. If these forces grow,
     it is the energy of the state that follows where nothing moves along the critical `modes`: errors of
@@ -41,7 +41,7 @@ def _energy_before(structure: Any, before: Balanced, modes: Array) -> float:
     here = structure.evaluate(state, before.multipliers, 1)
     energy = float(here.energy + before.multipliers @ here.constraints)
     if before.marginal:
-        return energy
+        return energy, 0.0
     gradient, constraints = np.array(here.gradient), here.constraints
     metric = np.asarray(structure.metric(state), dtype=float)
     for mode in modes:
@@ -51,11 +51,12 @@ def _energy_before(structure: Any, before: Balanced, modes: Array) -> float:
     dx, dm = factors.solve(-gradient, -constraints)
     growth = 0.5 * float(dx @ gradient + dm @ constraints)
     if not growth > 0.0 or structure.max_step(state, dx) < 1.0:
-        return energy + max(growth, 0.0)
+        return energy + max(growth, 0.0), 0.0
     multipliers = before.multipliers + dm
     there = structure.evaluate(structure.retract(state, dx), multipliers, 0)
     found = float(there.energy + multipliers @ there.constraints) - energy
-    return energy + min(max(found, 0.5 * growth), 2.0 * growth)
+    found = min(max(found, 0.5 * growth), 2.0 * growth)
+    return energy + found, 0.1 * abs(found - growth)
 
 
 def descend(
@@ -67,7 +68,8 @@ def descend(
 ) -> tuple[Equilibrium, float]:
     """Return a stable equilibrium of `structure` below a state that has just lost its stability.
 
-    And the energy of that state in `structure`.
+    And the energy of that state in `structure`: where a branch that turns joins a stable one there, it is
+    that of the stable state.
 
     The state is pushed along the critical mode, with each of `signs` in turn, and the energy is then
     minimized. A result that is the continuation of the lost state, or that lies higher, is refused.
@@ -86,12 +88,12 @@ def descend(
         Makes the exception from a message.
     """
     state = structure.adopt(before.state)
-    top = _energy_before(structure, before, modes)
+    top, doubt = _energy_before(structure, before, modes)
     size = typical_size(structure, state)
     kept = _continued(structure, state, before.multipliers)
     if kept is not None:
         top = max(top, kept.energy)
-    slack = 1e3 * EPS * (abs(top) + abs(before.energy))
+    slack = doubt + 1e3 * EPS * (abs(top) + abs(before.energy))
 
     def lagrangian(dx: Array) -> float:
         if structure.max_step(state, dx) < 1.0:
@@ -123,7 +125,7 @@ def descend(
                 if after.energy > top + slack:
                     reasons.append("the descent ended at a higher energy")
                     continue
-                return after, top
+                return after, max(top, after.energy)
     raise interrupted(
         f"no stable state was found below the one that lost its stability ({reasons[-1]}); the "
         "energy may have no minimum there"
