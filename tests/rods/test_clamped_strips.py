@@ -57,6 +57,23 @@ def test_crossing_branch_leads_to_the_flat_state():
     assert back.events[0].parameter == pytest.approx(crossing.events[0].parameter, abs=1e-6)
 
 
+@pytest.mark.parametrize("stretches", [True, False])
+def test_snaps_where_nothing_jumps_release_the_square_of_the_overshoot(stretches):
+    """Both ends of the crossing branch are soft: what is released comes from going beyond."""
+    family = sheared(law_of(1 / 12, stretches), 30)
+    released, ends = [], []
+    for overshoot in (1e-3, 1e-2):
+        found = ls.follow(family, 0.0, 0.45, on_fold="snap", overshoot=overshoot, eigenvalues=False)
+        snaps = [event for event in found.events if event.kind == "snap"]
+        assert (found.finished, len(snaps)) == (True, 2)
+        released.append([event.energy_released for event in snaps])
+        ends.append(found.equilibria[-1])
+    assert released[1][0] == pytest.approx(100 * released[0][0], rel=0.02)
+    assert 0 <= released[0][1] < 1e-3 * released[0][0]  # onto the flat state at its own pitchfork
+    assert ends[1].stable
+    assert ends[1].energy == pytest.approx(ends[0].energy, rel=1e-10)
+
+
 def test_ribbon_without_twist_knows_no_width():
     """Unsheared, the arch bends only: the same for every law with the same easy bending."""
     shapes = [ls.equilibrate(sheared(law_of(w, s), 44)(0.0)).positions
