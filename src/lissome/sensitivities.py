@@ -25,6 +25,7 @@ from ._validate import finite_array, one_of
 from .equilibrium import Equilibrium
 from .errors import InvalidInput
 from .factorization import Factorization
+from .stability import yielding_multipliers
 
 __all__ = ["Output", "Sensitivity", "sensitivity"]
 
@@ -419,8 +420,11 @@ def sensitivity(
             found[i] = _difference(value, float(steps[i]))
         return found
 
-    def along(name: str, output: Output, dx: Array, dm: Array) -> float:
-        """Return the derivative of an output along increments of state and multipliers."""
+    def along(name: str, output: Output, dx: Array, dm: Array, finer: float = 1.0) -> float:
+        """Return the derivative of an output along increments of state and multipliers.
+
+        Differences by multipliers are `finer` than by default.
+        """
         p = argument(0, 0.0)
         total = 0.0
         if output.state_gradient is not None:
@@ -446,7 +450,7 @@ def sensitivity(
             )
         elif np.any(dm):
             size = float(np.max(np.abs(mult))) or 1.0
-            h = EPS**0.2 * size / float(np.max(np.abs(dm)))
+            h = EPS**0.2 * size / (finer * float(np.max(np.abs(dm))))
             total += float(
                 _difference(lambda t: _number(name, output.function(state, mult + t * dm, p)), h)
             )
@@ -465,6 +469,27 @@ def sensitivity(
             results[name] = finished(explicit(name, output) + np.array(moved))
         return Sensitivity(finished(vector), mode, squeezed(dx), squeezed(dm), results)
 
+    yielding = bool(np.any(yielding_multipliers(kkt)))
+
+    def by_multipliers(name: str, output: Output) -> Array:
+        """Return the derivatives by the multipliers; those of yielding parts with shorter steps.
+
+        The energy of such parts bends sharply where moments pass zero.
+        """
+
+        def found(finer: float) -> Array:
+            return np.array([along(name, output, np.zeros(n), e, finer) for e in np.eye(m)])
+
+        if not yielding:
+            return found(1.0)
+        values, others = found(512.0), found(64.0)
+        if np.max(np.abs(values - others)) > 1e-4 * np.max(np.abs(values)):
+            raise InvalidInput(
+                f"the derivatives of the output {name!r} by the multipliers cannot be told from "
+                "differences; give it a `multiplier_gradient`, or pass mode='direct'"
+            )
+        return values
+
     for name, output in named.items():
         p = argument(0, 0.0)
         if output.state_gradient is not None:
@@ -476,7 +501,7 @@ def sensitivity(
                 f"{name}: multiplier_gradient", output.multiplier_gradient(state, mult, p), (m,)
             )
         else:
-            fm = np.array([along(name, Output(output.function), np.zeros(n), e) for e in np.eye(m)])
+            fm = by_multipliers(name, Output(output.function))
         a, b = factor.solve(fx, fm)
         results[name] = finished(explicit(name, output) - a @ dg - b @ dc)
     return Sensitivity(finished(vector), mode, None, None, results)

@@ -119,3 +119,28 @@ def test_a_saddle_is_left_for_a_stable_state():
     stable = ls.equilibrate(saddle.structure, saddle)
     assert stable.stable
     assert stable.energy < saddle.energy
+
+
+@pytest.mark.parametrize("mode", ["direct", "adjoint"])
+@pytest.mark.parametrize("inflections", [False, True])
+def test_the_sensitivity_of_the_energy_is_the_force_on_the_clamp(mode, inflections):
+    """The energy depends on the moments, and not smoothly on the scale of the largest of them."""
+    if inflections:
+        flat = ribbons.straight(
+            1.0, 20, ribbons.Wunderlich(width=0.1, rigidity=1.0), scheme="moments"
+        ).clamped("start")
+        family = lambda shear: flat.clamped("end", (shear, 0.0, 0.75))  # noqa: E731
+        found, at = ls.follow(family, 0.0, 0.1, eigenvalues=False).equilibria[-1], 0.1
+        force = found.forces[-1][0]
+    else:
+        family, at, step = bent("moments", 8), 0.5, 1e-3
+        found = ls.follow(family, 0.0, at, eigenvalues=False).equilibria[-1]
+        near = [ls.equilibrate(family(at + k * step), found).energy for k in (-2, -1, 1, 2)]
+        force = (near[0] - 8 * near[1] + 8 * near[2] - near[3]) / (12 * step)
+
+    def energy(state, multipliers, place):
+        here = family(place)
+        return here.evaluate(here.adopt(state), multipliers, 0).energy
+
+    told = ls.sensitivity(family, at, found, {"energy": energy}, mode).outputs["energy"]
+    assert told == pytest.approx(force, rel=1e-5)
