@@ -440,6 +440,12 @@ def test_what_moments_do_not_know(what):
             _arch("moments").clamped(20, (0, 0, 0.3))
 
 
+def test_the_matrix_with_moments_is_as_narrow_for_a_long_strip_as_for_a_short_one():
+    """And what makes it takes no more than its own size: squares of this length would fill all memory."""
+    widths = [_arch("moments", segments).layout.skeleton.width for segments in (40, 20_000)]
+    assert widths[0] == widths[1] < 70
+
+
 def test_moments_between_hinges_are_smooth_and_exact_for_quadratics():
     lengths = np.random.default_rng(3).uniform(0.5, 1.5, 9)
     base, weights = _smooth(lengths, 4)

@@ -195,21 +195,27 @@ def _smooth(lengths: Array, parts: int) -> tuple[Integers, Array]:
         raise InvalidInput(
             f"the ribbon has {n} hinges; the scheme 'moments' needs four: use more segments"
         )
-    base = np.clip(np.arange(n - 1) - 1, 0, n - 4)
-    second = np.zeros((n, n))  # second derivatives of the parabolas
-    row = np.arange(1, n - 1)
+    cells = np.arange(n - 1)
+    base = np.clip(cells - 1, 0, n - 4)
     before, after = lengths[:-1], lengths[1:]
-    second[row, row - 1] = 2.0 / (before * (before + after))
-    second[row, row + 1] = 2.0 / (after * (before + after))
-    second[row, row] = -2.0 / (before * after)
-    second[0], second[-1] = second[1], second[-2]
+    parabolas = np.stack(  # second derivatives, by three values each
+        [
+            2.0 / (before * (before + after)),
+            -2.0 / (before * after),
+            2.0 / (after * (before + after)),
+        ],
+        axis=1,
+    )
     x = ((np.arange(parts)[:, None] + POINTS) / parts)[..., None]
-    weights = np.empty((n - 1, parts, POINTS.size, 4))
-    for i in range(n - 1):
-        own = np.eye(n)[i : i + 2]
-        bend = 0.5 * lengths[i] ** 2 * x * (1.0 - x)
-        values = (1.0 - x) * (own[0] - bend * second[i]) + x * (own[1] - bend * second[i + 1])
-        weights[i] = values[..., base[i] : base[i] + 4]
+    bend = 0.5 * lengths[:, None, None, None] ** 2 * x * (1.0 - x)
+    weights = np.zeros((n - 1, parts, POINTS.size, 4))
+    for hinges, share in ((cells, 1.0 - x), (cells + 1, x)):
+        own, second = np.zeros((n - 1, 4)), np.zeros((n - 1, 4))
+        own[cells, hinges - base] = 1.0
+        middle = np.clip(hinges, 1, n - 2)
+        for k in range(3):
+            second[cells, middle - 1 + k - base] = parabolas[middle - 1, k]
+        weights += share * (own[:, None, None] - bend * second[:, None, None])
     return base, weights
 
 
@@ -376,7 +382,8 @@ def _make_skeleton(ribbon: Ribbon, key: tuple[Any, ...]) -> Skeleton:
         if moments:
             # What is inside a cell goes before all that it depends on: its elimination then leaves nothing
             # behind in the wide gaps between hinges.
-            for k in np.flatnonzero(np.repeat(base, parts) == i):
+            first, last = parts * np.searchsorted(base, (i, i + 1))
+            for k in range(first, last):
                 fluxes[k] = place
                 place += 1
                 if (k + 1) % parts:  # the last one is at the hinge

@@ -910,6 +910,10 @@ class Ribbon(BaseStructure):
         Corrected or None
             None if a few steps do not lead to one; :func:`lissome.equilibrate` then descends with care.
         """
+        if self.has_moments and not np.any(multipliers):
+            return (
+                None  # without forces nothing tells where the rulings are: the matrix is singular
+            )
         structure: Any = self
         found = fast_correction(structure, state, multipliers, tolerance)
         if found is None or found.iterations or found.factorization is None:

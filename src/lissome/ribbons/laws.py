@@ -84,44 +84,6 @@ def cotangent_factor(a):
     return g, (d if a > 0.0 else -d), e
 
 
-def _logarithm(a: Array) -> tuple[Array, Array]:
-    """Return the logarithm of (sinh 2a - 2a)/(4 a^2), and its derivative, for a of at least 0.003."""
-    small = np.minimum(a, 0.3) ** 2
-    series = 1 + small * (
-        1 / 5 + small * (2 / 105 + small * (1 / 945 + small * (2 / 51975 + small * 2 / 2027025)))
-    )
-    slope = (
-        1 / a
-        + 2
-        * a
-        * (
-            1 / 5
-            + small * (4 / 105 + small * (3 / 945 + small * (8 / 51975 + small * 10 / 2027025)))
-        )
-        / series
-    )
-    e, tail = np.exp(-4 * a), 4 * a * np.exp(-2 * a)
-    rest = 1.0 - e - tail
-    large = 2 * a + np.log(rest / (8 * a * a)), 2 * (1 + e - 2 * np.exp(-2 * a)) / rest - 2 / a
-    return np.where(a < 0.3, np.log(a / 3 * series), large[0]), np.where(a < 0.3, slope, large[1])
-
-
-def _tabulated() -> tuple[Array, Array]:
-    """Return the fold variable, and its derivative, at equal steps of that logarithm."""
-    target = _FIRST + _STEP * np.arange(_COUNT)
-    coarse = np.geomspace(2e-3, 40.0, 4000)
-    a = np.interp(target, _logarithm(coarse)[0], coarse)
-    for _ in range(4):
-        value, slope = _logarithm(a)
-        a = a - (value - target) / slope
-    return a, 1.0 / _logarithm(a)[1]
-
-
-#: The table of `fold_of` begins at the logarithm of 1e-3, and ends at that of about 1e13.
-_FIRST, _STEP, _COUNT = math.log(1e-3), 0.0625, 600
-_FOLDS, _FOLD_SLOPES = _tabulated()
-
-
 @jit(error_model="numpy", no_cpython_wrapper=True)
 def _ratio_of_fold(a, decay, y):
     """Return (sinh 2a - 2a)/(4 a^2) over y, and its logarithmic derivative, where ``decay`` is exp(-2a)."""
@@ -137,6 +99,25 @@ def _ratio_of_fold(a, decay, y):
     rest = 1.0 - decay * decay - 4.0 * a * decay
     slope = 2.0 * a * (1.0 - decay) * (1.0 - decay) / rest - 2.0
     return rest / (8.0 * a * a * decay * y), slope
+
+
+def _tabulated() -> tuple[Array, Array]:
+    """Return the fold variable, and its derivative, at equal steps of the logarithm of that ratio."""
+    folds, slopes = np.empty(_COUNT), np.empty(_COUNT)
+    a = 3e-3
+    for i in range(_COUNT):
+        y, step, slope = math.exp(_FIRST + _STEP * i), 1.0, 1.0
+        while abs(step) > 1e-9:  # the next one is of the order of its square
+            ratio, slope = _ratio_of_fold.py_func(a, math.exp(-2.0 * a), y)
+            step = math.log(ratio) / slope
+            a *= math.exp(-step)
+        folds[i], slopes[i] = a, a / slope
+    return folds, slopes
+
+
+#: The table of `fold_of` begins at the logarithm of 1e-3, and ends at that of about 1e13.
+_FIRST, _STEP, _COUNT = math.log(1e-3), 0.0625, 600
+_FOLDS, _FOLD_SLOPES = _tabulated()
 
 
 @jit(error_model="numpy")
